@@ -1,0 +1,63 @@
+"""What a job spent, what it skipped and why: every render returns one of these."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass, field
+
+
+@dataclass
+class Report:
+    """Account of one job.
+
+    Attributes
+    ----------
+    wall_s : float
+        Wall-clock seconds, kernel compilation included.
+    phases : dict of str to float
+        Seconds of each phase (``pilot``, ``classification``, ``refinement``, ``compilation``, …).
+    rays : dict of str to int
+        Rays traced, by kind (``camera``, ``pilot``, ``refinement``, ``bsdf``, …).
+    skipped : dict of str to int
+        Rays that were *not* traced, by reason.
+    classes : dict of str to int
+        Pixels of each visibility configuration.
+    memory_peak_bytes : int
+        Peak resident memory of the process.
+    error : float or None
+        Estimated root of the mean relative squared error of the image.
+    notes : list of str
+        What the user should know (a mode that was refused, a budget that ran out).
+    """
+
+    wall_s: float = 0.0
+    phases: dict[str, float] = field(default_factory=dict)
+    rays: dict[str, int] = field(default_factory=dict)
+    skipped: dict[str, int] = field(default_factory=dict)
+    classes: dict[str, int] = field(default_factory=dict)
+    memory_peak_bytes: int = 0
+    error: float | None = None
+    notes: list[str] = field(default_factory=list)
+
+    def to_dict(self) -> dict:
+        """Return the report as plain Python types, ready for a header or JSON."""
+        return asdict(self)
+
+    def __str__(self) -> str:
+        def line(name: str, items: dict, unit: str = "") -> str:
+            parts = (f"{k} {v:,.3f}{unit}" if isinstance(v, float) else f"{k} {v:,}" for k, v in items.items())
+            return f"{name:<10}" + ", ".join(parts)
+
+        rows = [f"{'time':<10}{self.wall_s:.3f} s"]
+        if self.phases:
+            rows.append(line("phases", self.phases, " s"))
+        if self.rays:
+            rows.append(line("rays", {**self.rays, "total": sum(self.rays.values())}))
+        if self.skipped:
+            rows.append(line("skipped", self.skipped))
+        if self.classes:
+            rows.append(line("classes", self.classes))
+        if self.error is not None:
+            rows.append(f"{'error':<10}{self.error:.4g} (relative, estimated)")
+        rows.append(f"{'memory':<10}{self.memory_peak_bytes / 2**20:,.0f} MiB peak")
+        rows += [f"{'note':<10}{n}" for n in self.notes]
+        return "\n".join(rows)
