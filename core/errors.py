@@ -1,6 +1,11 @@
-"""The one exception that a wrong input raises: a sentence the user can act on."""
+"""The one exception that a wrong input raises, and Mitsuba's messages made readable."""
 
 from __future__ import annotations
+
+import difflib
+import re
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 
 
 class InputError(ValueError):
@@ -8,3 +13,57 @@ class InputError(ValueError):
 
     The command line prints the sentence and exits with code 2; from Python it is a ``ValueError``.
     """
+
+
+def suggest(name: str, known: Iterable[str]) -> str:
+    """Return ``"; did you mean 'x'?"`` for the known name closest to `name`, or an empty string."""
+    close = difflib.get_close_matches(name, list(known), n=1, cutoff=0.5)
+    return f"; did you mean '{close[0]}'?" if close else ""
+
+
+def one_sentence(error: BaseException) -> str:
+    """Boil an exception that came through Mitsuba down to the sentence that matters.
+
+    Parameters
+    ----------
+    error : BaseException
+        What Mitsuba or a plugin raised. Dr.Jit wraps errors of a render in others, so the innermost
+        cause is the one reported.
+
+    Returns
+    -------
+    str
+        One line, without C++ source positions and without a Python traceback.
+    """
+    # The wrapper that Dr.Jit adds says only "see above": the cause says what happened.
+    while (error.__cause__ or error.__context__) is not None and not isinstance(error, InputError):
+        error = error.__cause__ or error.__context__
+    text = str(error).strip() or type(error).__name__
+
+    # A Python plugin's exception arrives as the text of its traceback: its last line is the message.
+    if "Traceback (most recent call last)" in text:
+        text = re.sub(r"^[\w.]*(Error|Exception|Interrupt): ", "", text.splitlines()[-1])
+    text = re.sub(r"\[\w+\.(?:cpp|h):\d+\]\s*", "", text)
+
+    # Unknown parameters come as a list over several lines: keep the names.
+    found = re.search(r"Found \d+ unreferenced propert\w+ in (\w+) plugin of type \"(\w+)\"", text)
+    if found:
+        names = ", ".join(f"'{n}'" for n in re.findall(r"^\s*- [\w ]*\"([^\"]+)\"", text, re.MULTILINE))
+        where = re.match(r"While loading (?!dictionary)(.*?): ", text)
+        kind = "plugin" if found[1] == "unknown" else found[1]
+        prefix = f"{where[1]}: " if where else ""
+        return f"{prefix}{kind} '{found[2]}' has no parameter {names}"
+
+    text = re.sub(r"(?:At|While loading) dictionary node \"\w+\"[^:]*: ", "", text)
+    return re.sub(r"\s+", " ", text).strip()
+
+
+@contextmanager
+def mitsuba_errors(prefix: str = "") -> Iterator[None]:
+    """Turn whatever Mitsuba raises inside the block into an `InputError` of one sentence."""
+    try:
+        yield
+    except InputError:
+        raise
+    except Exception as error:
+        raise InputError(prefix + one_sentence(error)) from error
