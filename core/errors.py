@@ -35,15 +35,17 @@ def one_sentence(error: BaseException) -> str:
     str
         One line, without C++ source positions and without a Python traceback.
     """
-    # The wrapper that Dr.Jit adds says only "see above": the cause says what happened.
-    while (error.__cause__ or error.__context__) is not None and not isinstance(error, InputError):
-        error = error.__cause__ or error.__context__
+    error = _innermost(error)
     text = str(error).strip() or type(error).__name__
 
     # A Python plugin's exception arrives as the text of its traceback: its last line is the message.
     if "Traceback (most recent call last)" in text:
         text = re.sub(r"^[\w.]*(Error|Exception|Interrupt): ", "", text.splitlines()[-1])
     text = re.sub(r"\[\w+\.(?:cpp|h):\d+\]\s*", "", text)
+    text = re.sub(r"failed to instantiate \w+ plugin .*Plugin \"(\w+)\" not found!", r"there is no plugin '\1'", text)
+    if unused := re.search(r"Found unused parameters:\s*(.*)", text, re.DOTALL):
+        names = ", ".join(f"'{n}'" for n in re.findall(r"\$(\w+)=", unused[1]))
+        return f"the scene has no parameter {names}"
 
     # Unknown parameters come as a list over several lines: keep the names.
     found = re.search(r"Found \d+ unreferenced propert\w+ in (\w+) plugin of type \"(\w+)\"", text)
@@ -58,6 +60,13 @@ def one_sentence(error: BaseException) -> str:
     return re.sub(r"\s+", " ", text).strip()
 
 
+def _innermost(error: BaseException) -> BaseException:
+    """Return the cause that the wrappers hide: Dr.Jit's says only "see above"."""
+    while not isinstance(error, InputError) and (cause := error.__cause__ or error.__context__) is not None:
+        error = cause
+    return error
+
+
 @contextmanager
 def mitsuba_errors(prefix: str = "") -> Iterator[None]:
     """Turn whatever Mitsuba raises inside the block into an `InputError` of one sentence."""
@@ -66,4 +75,7 @@ def mitsuba_errors(prefix: str = "") -> Iterator[None]:
     except InputError:
         raise
     except Exception as error:
+        # Dr.Jit wraps an interruption of a Python integrator like any other error.
+        if isinstance(_innermost(error), KeyboardInterrupt):
+            raise KeyboardInterrupt from error
         raise InputError(prefix + one_sentence(error)) from error

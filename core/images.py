@@ -54,7 +54,7 @@ def write_exr(
         elif pixels.ndim == 2 and name:
             channels[name] = np.ascontiguousarray(pixels)
         else:
-            raise InputError(f"layer '{name}' must be named and of shape (H, W) or (H, W, 3) (got {pixels.shape})")
+            raise InputError(f"layer '{name}' needs a name and shape (H, W) or (H, W, 3) (got {pixels.shape})")
     sizes = {c.shape for c in channels.values()}
     if len(sizes) != 1 or 0 in next(iter(sizes)):
         raise InputError(f"an image needs layers of one size, at least one pixel each (got {sorted(sizes)})")
@@ -99,7 +99,7 @@ def read_exr(path: str | os.PathLike) -> tuple[dict[str, np.ndarray], dict[str, 
     try:
         with OpenEXR.File(str(path), separate_channels=True) as file:
             planes = {k: np.array(c.pixels, dtype=np.float32) for k, c in file.channels().items()}
-            attributes = file.header()
+            attributes = dict(file.header())
     except (RuntimeError, TypeError, ValueError) as error:
         raise InputError(f"{path}: cannot be read as a flat OpenEXR ({error})") from error
 

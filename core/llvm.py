@@ -83,7 +83,8 @@ def choose() -> None:
 
 def _cure() -> str:
     """Return what a user does about a missing or unusable LLVM."""
-    return f"install one with `pip install {PACKAGE}` (Linux x86-64), or set {VARIABLE} to LLVM {OLDEST} or newer"
+    package = f"`pip install {PACKAGE}` (Linux x86-64)"
+    return f"install one with {package}, or set {VARIABLE} to LLVM {OLDEST} or newer"
 
 
 def _in_use() -> bool:

@@ -106,12 +106,13 @@ def _pair(image: np.ndarray, reference: np.ndarray) -> tuple[np.ndarray, np.ndar
         bad = np.argwhere(~np.isfinite(pixels))
         if len(bad):
             raise InputError(
-                f"'{name}' must be finite (got {len(bad)} NaN or infinite values, the first at row {bad[0][0]}, "
-                f"column {bad[0][1]})"
+                f"'{name}' must be finite (got {len(bad)} NaN or infinite values, "
+                f"the first at row {bad[0][0]}, column {bad[0][1]})"
             )
         pair.append(pixels)
     if pair[0].shape != pair[1].shape:
         raise InputError(
-            f"'image' and 'reference' must have the same size and channels (got {pair[0].shape} and {pair[1].shape})"
+            f"'image' and 'reference' must have the same size and channels "
+            f"(got {pair[0].shape} and {pair[1].shape})"
         )
     return pair[0], pair[1]

@@ -44,7 +44,8 @@ class Report:
 
     def __str__(self) -> str:
         def line(name: str, items: dict, unit: str = "") -> str:
-            parts = (f"{k} {v:,.3f}{unit}" if isinstance(v, float) else f"{k} {v:,}" for k, v in items.items())
+            texts = {k: f"{v:,.3f}" if isinstance(v, float) else f"{v:,}" for k, v in items.items()}
+            parts = (f"{k} {v}{unit}" for k, v in texts.items())
             return f"{name:<10}" + ", ".join(parts)
 
         rows = [f"{'time':<10}{self.wall_s:.3f} s"]
