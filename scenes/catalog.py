@@ -8,14 +8,31 @@ from collections.abc import Callable, Iterable
 from typing import Any
 
 from ..errors import InputError
-from .bars import grating
+from .bars import grating, wires
+from .canopy import foliage
 from .halls import manylights
+from .lamps import meshlight, spheres
+from .measured import cornell
 from .metal import glossy
 from .picket import fence
-from .shadows import openfloor, penumbra
+from .shadows import openfloor, penumbra, smalllight
 
 _SCENES: dict[str, Callable[..., dict[str, Any]]] = {
-    f.__name__: f for f in (penumbra, grating, fence, manylights, glossy, openfloor)
+    scene.__name__: scene
+    for scene in (
+        openfloor,
+        penumbra,
+        smalllight,
+        grating,
+        wires,
+        fence,
+        foliage,
+        manylights,
+        glossy,
+        spheres,
+        meshlight,
+        cornell,
+    )
 }
 
 

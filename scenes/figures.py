@@ -55,7 +55,7 @@ def pawn(segments: int = 48) -> Triangles:
 def vase(segments: int = 64) -> Triangles:
     """Return an open vase, 1 unit tall, on z = 0."""
     t = np.linspace(0, 1, 40)
-    outer = 0.20 + 0.17 * np.sin(2.6 * t**0.9) - 0.17 * t**2 + 0.13 * t**6
+    outer = 0.17 + 0.20 * np.sin(np.pi * t**0.8) ** 2 - 0.06 * t + 0.10 * t**10
     wall = 0.025
     inside = list(zip(outer[::-1] - wall, np.maximum(t[::-1], 0.04), strict=True))
     return lathe([(0, 0), *zip(outer, t, strict=True), *inside, (0, 0.04)], segments)

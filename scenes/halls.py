@@ -24,7 +24,7 @@ def manylights(
     rows: int = 6,
     columns: int = 3,
     light_size: float = 0.5,
-    radiance: float = 9.0,
+    radiance: float = 24.0,
     width: int = 480,
     height: int = 270,
     spp: int = 64,
@@ -47,7 +47,7 @@ def manylights(
     count(rows=rows, columns=columns)
     positive(light_size=light_size, radiance=radiance)
     rng = np.random.default_rng(7)
-    tints = np.array([(1.0, 0.78, 0.50), (0.62, 0.80, 1.0), (1.0, 0.55, 0.45), (0.7, 1.0, 0.75)])
+    tints = np.array([(1.0, 0.70, 0.38), (0.45, 0.70, 1.0), (1.0, 0.40, 0.32), (0.45, 1.0, 0.62)])
     top = 2.8
     xs, ys = np.linspace(-1.9, 1.9, columns), np.linspace(-2.0, 7.5, rows)
     lights = {}

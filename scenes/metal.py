@@ -4,54 +4,53 @@ from __future__ import annotations
 
 from typing import Any
 
-from .figures import vase
-from .meshes import box, join, move, to_mitsuba
-from .parts import ball, floor, matte, panel, positive, stage
+from .figures import pawn, vase
+from .meshes import join, move, rod, to_mitsuba
+from .parts import ball, floor, matte, panel, positive, rgb, stage
 
 __all__ = ["glossy"]
 
 
 def glossy(
-    roughness: float = 0.3, radiance: float = 6.0, width: int = 480, height: int = 270, spp: int = 64
+    roughness: float = 0.25, radiance: float = 2.6, width: int = 480, height: int = 270, spp: int = 64
 ) -> dict[str, Any]:
-    """Mirror three coloured lights in a rough metal floor, with blockers between floor and lights.
+    """Mirror three coloured panels in a rough metal floor, with blockers between floor and lights.
 
     The integrand is peaked by the material and cut by visibility at once: the case for importance
-    sampling and MIS.
+    sampling and MIS. A disk light overhead shows the near sides of the blockers.
 
     Parameters
     ----------
     roughness : float
         GGX roughness α of the floor.
     radiance : float
-        Scale of the lights' emitted radiance, W m⁻² sr⁻¹.
+        Scale of the panels' emitted radiance, W m⁻² sr⁻¹.
     width, height, spp : int
         Film size in pixels, and samples a pixel.
     """
     positive(roughness=roughness, radiance=radiance)
     metal = {"type": "roughconductor", "material": "Al", "distribution": "ggx", "alpha": roughness}
-    glaze = {
-        "type": "roughplastic",
-        "diffuse_reflectance": {"type": "rgb", "value": [0.12, 0.30, 0.42]},
-        "distribution": "ggx",
-        "alpha": 0.25,
-    }
-    colours = ((1.0, 0.55, 0.25), (0.95, 0.95, 0.9), (0.3, 0.55, 1.0))
-    lights = {
-        f"light{i}": panel((x, 3.2, 2.3), (0.4 * x, -1.0, 0), 1.1, 1.6, [radiance * c for c in colour])
+    glaze = {"type": "roughplastic", "diffuse_reflectance": rgb((0.10, 0.34, 0.46)), "alpha": 0.25}
+    colours = ((1.0, 0.36, 0.12), (1.0, 0.86, 0.55), (0.14, 0.40, 1.0))
+    panels = {
+        f"panel{i}": panel((x, 2.6, 1.15), (0.75 * x, 0, 0.9), 1.5, 1.5, [radiance * c for c in colour])
         for i, (x, colour) in enumerate(zip((-2.1, 0.0, 2.1), colours, strict=True))
     }
-    posts = [box((x - 0.06, 1.2, 0), (x + 0.06, 1.32, 1.7)) for x in (-2.6, -1.3, 0.0, 1.3, 2.6)]
+    # Thin rods cut the panels' reflections into stripes, see-through for the floor before them.
+    rods = [rod((x, 1.3, 0), (x, 1.3, 1.7), 0.035) for x in (-2.3, -1.9, -1.5, -0.45, 0.0, 0.45, 1.5, 1.9, 2.3)]
+    pawns = [move(pawn(), (x, y, 0), 0.85) for x, y in ((0.15, 0.1), (0.8, 0.55))]
     return stage(
-        origin=(0, -5.2, 2.2),
-        target=(0, 0.4, 0.45),
+        origin=(0, -5.0, 2.3),
+        target=(0, 0.2, 0.35),
         fov=42,
         width=width,
         height=height,
         spp=spp,
         floor=floor(metal),
-        posts=to_mitsuba(join(posts), matte((0.6, 0.56, 0.5)), name="posts"),
-        vase=to_mitsuba(move(vase(), (-0.9, -0.6, 0), 0.95), {"type": "twosided", "bsdf": glaze}, smooth=True),
-        ball=ball((0.95, -0.5, 0.45), 0.45, glaze),
-        **lights,
+        rods=to_mitsuba(join(rods), matte((0.55, 0.5, 0.45)), smooth=True, name="rods"),
+        vase=to_mitsuba(move(vase(), (-1.0, -0.2, 0), 1.05), {"type": "twosided", "bsdf": glaze}, smooth=True),
+        pawns=to_mitsuba(join(pawns), matte((0.72, 0.62, 0.45)), smooth=True, name="pawns"),
+        ball=ball((1.55, -0.45, 0.4), 0.4, matte((0.66, 0.16, 0.13))),
+        overhead=panel((-0.6, -3.2, 4.6), (0, 0, 0.4), 1.6, 1.6, 3.2 * radiance, shape="disk"),
+        **panels,
     )

@@ -25,10 +25,10 @@ def _fence(pickets: int, period: float, height: float) -> Triangles:
 
 
 def fence(
-    pickets: int = 44,
-    period: float = 0.16,
+    pickets: int = 34,
+    period: float = 0.2,
     light_size: float = 1.6,
-    radiance: float = 22.0,
+    radiance: float = 60.0,
     width: int = 480,
     height: int = 270,
     spp: int = 64,
@@ -52,11 +52,11 @@ def fence(
     """
     count(pickets=pickets)
     positive(period=period, light_size=light_size, radiance=radiance)
-    wood, joints = (move(p, (-0.1, 0.85, 0), turn=0.35) for p in mannequin())
+    wood, joints = (move(p, (-0.1, 0.62, 0), turn=0.5) for p in mannequin())
     return stage(
-        origin=(4.6, 2.2, 2.1),
-        target=(-0.1, 0.75, 0.75),
-        fov=40,
+        origin=(4.4, 2.4, 2.3),
+        target=(-0.35, 0.55, 0.72),
+        fov=42,
         width=width,
         height=height,
         spp=spp,
@@ -64,5 +64,5 @@ def fence(
         fence=to_mitsuba(_fence(pickets, period, 1.15), matte((0.85, 0.84, 0.80)), name="fence"),
         figure=to_mitsuba(wood, matte((0.76, 0.56, 0.34)), smooth=True, name="figure"),
         joints=to_mitsuba(joints, matte((0.42, 0.26, 0.14)), smooth=True, name="joints"),
-        light=panel((0.9, -3.2, 3.0), (-0.1, 0.8, 0.8), light_size, light_size, radiance),
+        light=panel((2.6, -3.2, 3.1), (-0.1, 0.6, 0.8), light_size, light_size, radiance),
     )

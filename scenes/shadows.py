@@ -6,14 +6,15 @@ from typing import Any
 
 import numpy as np
 
-from .meshes import blob, to_mitsuba
-from .parts import floor, matte, panel, positive, stage
+from .figures import pawn
+from .meshes import blob, join, move, to_mitsuba
+from .parts import checker, floor, matte, panel, positive, stage
 
-__all__ = ["openfloor", "penumbra"]
+__all__ = ["openfloor", "penumbra", "smalllight"]
 
 
 def openfloor(
-    light_size: float = 1.5, radiance: float = 9.0, width: int = 480, height: int = 270, spp: int = 64
+    light_size: float = 1.5, radiance: float = 13.0, width: int = 480, height: int = 270, spp: int = 64
 ) -> dict[str, Any]:
     """Nothing but a Lambertian floor under one square light: every pixel sees all of it.
 
@@ -50,8 +51,8 @@ def _bumps(d: np.ndarray) -> np.ndarray:
 def penumbra(
     light_size: float = 1.5,
     blob_radius: float = 0.62,
-    blob_height: float = 0.85,
-    radiance: float = 9.0,
+    blob_height: float = 0.95,
+    radiance: float = 12.0,
     width: int = 480,
     height: int = 270,
     spp: int = 64,
@@ -63,7 +64,7 @@ def penumbra(
     Parameters
     ----------
     light_size : float
-        Side of the square light, 3 units above the floor.
+        Side of the square light, 3.2 units above the floor.
     blob_radius, blob_height : float
         Mean radius of the blob, and height of its centre above the floor.
     radiance : float
@@ -75,13 +76,46 @@ def penumbra(
     shape = blob(blob_radius, _bumps)
     shape = shape._replace(vertices=shape.vertices + [0, 0, blob_height])
     return stage(
-        origin=(0, -5.2, 3.2),
-        target=(0, 0.1, 0.2),
-        fov=42,
+        origin=(0, -5.0, 3.4),
+        target=(0.3, 0.3, 0.25),
+        fov=37,
         width=width,
         height=height,
         spp=spp,
         floor=floor(matte((0.72, 0.70, 0.66))),
         blob=to_mitsuba(shape, matte((0.75, 0.32, 0.20)), smooth=True, name="blob"),
-        light=panel((0, 0, 3), (0, 0, 0), light_size, light_size, radiance),
+        light=panel((-1.2, -1.0, 3.2), (0, 0, 0.3), light_size, light_size, radiance),
+    )
+
+
+def smalllight(
+    light_size: float = 0.15, radiance: float = 25000.0, width: int = 480, height: int = 270, spp: int = 64
+) -> dict[str, Any]:
+    """Light pawns on a board from a tiny, distant square: shadows that are hard almost everywhere.
+
+    Nearly every pixel is decided by one ray; penumbrae are a pixel or two wide.
+
+    Parameters
+    ----------
+    light_size : float
+        Side of the square light, 15 units away.
+    radiance : float
+        Emitted radiance, W m⁻² sr⁻¹.
+    width, height, spp : int
+        Film size in pixels, and samples a pixel.
+    """
+    positive(light_size=light_size, radiance=radiance)
+    light, dark = ((-1.5, -0.5), (-0.5, 0.5), (0.5, -0.5), (1.5, 1.5)), ((-1.5, 1.5), (0.5, 1.5), (1.5, 0.5), (-0.5, 2.5))
+    pawns = [join([move(pawn(), (x, y, 0)) for x, y in side]) for side in (light, dark)]
+    return stage(
+        origin=(-0.6, -5.6, 3.6),
+        target=(0.1, 0.45, 0.25),
+        fov=42,
+        width=width,
+        height=height,
+        spp=spp,
+        floor=floor(checker((0.36, 0.22, 0.14), (0.76, 0.66, 0.50), 24), 12.0),
+        light_pawns=to_mitsuba(pawns[0], matte((0.80, 0.74, 0.62)), smooth=True, name="light_pawns"),
+        dark_pawns=to_mitsuba(pawns[1], matte((0.26, 0.19, 0.17)), smooth=True, name="dark_pawns"),
+        light=panel((-9.5, -6.0, 10.0), (0, 0, 0), light_size, light_size, radiance),
     )
