@@ -94,7 +94,7 @@ def _parser() -> _Parser:
     )
     render.add_argument("--aovs", action="store_true", help="add the layers of visibility, rays and error")
     render.add_argument("--threshold", type=float, metavar="E", help="stop a pixel at this relative error")
-    render.add_argument("--png", action="store_true", help="also write an sRGB PNG, with --aovs of the maps too")
+    render.add_argument("--png", action="store_true", help="also write sRGB PNGs of picture and maps")
 
     compare = commands.add_parser(
         "compare",

@@ -52,19 +52,24 @@ def command() -> int:
     for package in PACKAGES:
         print(f"  {package:<20}{_version(package) or f'missing: pip install {package}'}")
     for package, purpose in OPTIONAL.items():
-        print(f"  {package:<20}{_version(package) or f'not installed, optional ({purpose}): pip install {package}'}")
+        print(f"  {package:<20}{_version(package) or f'optional, for {purpose}: pip install {package}'}")
 
     # The LLVM is what most often stands between a user and a first picture.
     version = dr.detail.llvm_version()
     problem = llvm.missing_file() or llvm.problem(version)
     number = ".".join(map(str, version)) if version[0] >= 0 else "none"
     print(f"\n  {'LLVM':<20}{number}, {'usable' if problem is None else problem}")
-    print(f"  {llvm.VARIABLE:<20} {os.environ.get(llvm.VARIABLE, 'not set')}")
+    print(f"  {'':<20}{llvm.VARIABLE} {os.environ.get(llvm.VARIABLE, 'not set')}")
 
     print()
     working = []
     for variant, what in _PROBED.items():
-        failure = _probe(variant) if variant in mi.variants() else "not part of this build of Mitsuba"
+        if variant not in mi.variants():
+            failure = "not part of this build of Mitsuba"
+        elif variant.startswith("cuda") and not dr.has_backend(dr.JitBackend.CUDA):
+            failure = "no usable NVIDIA GPU: a driver must be installed, so that `nvidia-smi` lists one"
+        else:
+            failure = _probe(variant)
         print(f"  {what:<32}{'works' if failure is None else failure}")
         if failure is None and not variant.startswith("scalar"):
             working.append(variant)
@@ -98,7 +103,5 @@ def _probe(variant: str) -> str | None:
     )
     if result.returncode == 0:
         return None
-    if variant.startswith("cuda"):
-        return "no usable NVIDIA GPU or driver: `nvidia-smi` must work"
     lines = result.stderr.strip().splitlines()
     return f"fails: {lines[-1] if lines else f'exit code {result.returncode}'}"

@@ -42,7 +42,8 @@ def one_sentence(error: BaseException) -> str:
     if "Traceback (most recent call last)" in text:
         text = re.sub(r"^[\w.]*(Error|Exception|Interrupt): ", "", text.splitlines()[-1])
     text = re.sub(r"\[\w+\.(?:cpp|h):\d+\]\s*", "", text)
-    text = re.sub(r"failed to instantiate \w+ plugin .*Plugin \"(\w+)\" not found!", r"there is no plugin '\1'", text)
+    unknown = r"failed to instantiate \w+ plugin .*Plugin \"(\w+)\" not found!"
+    text = re.sub(unknown, r"there is no plugin '\1'", text)
     if unused := re.search(r"Found unused parameters:\s*(.*)", text, re.DOTALL):
         names = ", ".join(f"'{n}'" for n in re.findall(r"\$(\w+)=", unused[1]))
         return f"the scene has no parameter {names}"

@@ -54,7 +54,7 @@ def write_exr(
         elif pixels.ndim == 2 and name:
             channels[name] = np.ascontiguousarray(pixels)
         else:
-            raise InputError(f"layer '{name}' needs a name and shape (H, W) or (H, W, 3) (got {pixels.shape})")
+            raise InputError(f"layer '{name}' needs a name and shape (H, W) or (H, W, 3), not {pixels.shape}")
     sizes = {c.shape for c in channels.values()}
     if len(sizes) != 1 or 0 in next(iter(sizes)):
         raise InputError(f"an image needs layers of one size, at least one pixel each (got {sorted(sizes)})")

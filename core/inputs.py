@@ -15,6 +15,7 @@ OWN = ("visdirect", "vispath")
 
 def set_variant(variant: str, integrator: str) -> None:
     """Activate a Mitsuba variant for an integrator, or raise `InputError` if that cannot work."""
+    import drjit as dr
     import mitsuba as mi
 
     if variant not in mi.variants():
@@ -22,7 +23,7 @@ def set_variant(variant: str, integrator: str) -> None:
     if integrator in OWN and (variant.startswith("scalar") or variant.endswith("polarized")):
         kind = "scalar" if variant.startswith("scalar") else "polarised"
         raise InputError(f"'{integrator}' cannot render in the {kind} variant '{variant}': use llvm_ad_rgb")
-    if variant.startswith("llvm") and (problem := llvm.missing_file()):
+    if variant.startswith("llvm") and (problem := llvm.problem(dr.detail.llvm_version())):
         raise InputError(problem)
     mi.set_log_level(mi.LogLevel.Error)
     with mitsuba_errors(f"variant '{variant}' does not work here (see `intervis doctor`): "):
@@ -71,26 +72,33 @@ def load_scene(name: str, parameters: dict[str, Any]) -> Any:
 
     from . import scenes
 
+    check_scene(name)
     if name in scenes.names():
         with mitsuba_errors(f"scene '{name}': "):
             return mi.load_dict(scenes.load(name, **parameters))
+    with mitsuba_errors():
+        scene = mi.load_file(name, **{k: _text(v) for k, v in parameters.items()})
+    if not isinstance(scene, mi.Scene):
+        raise InputError(f"{name}: must hold a <scene> (got a {type(scene).__name__})")
+    if not scene.sensors():
+        raise InputError(f"{name}: the scene has no sensor, so there is nothing to render: add one")
+    return scene
 
-    path = Path(name)
+
+def check_scene(name: str) -> None:
+    """Raise `InputError` unless `name` is a built-in scene or an XML file, without loading it."""
+    from . import scenes
+
+    known, path = scenes.names(), Path(name)
+    if name in known:
+        return
     if not path.suffix and not path.exists() and path.name == name:
-        known = scenes.names()
         hint = suggest(name, known) or f": built in are {', '.join(known)}"
         raise InputError(f"scene '{name}' is neither a file nor built in{hint}")
     if not path.is_file():
         raise InputError(f"{name}: file does not exist")
     if path.suffix.lower() != ".xml":
         raise InputError(f"{name}: must be a Mitsuba XML file, ending in .xml")
-    with mitsuba_errors():
-        scene = mi.load_file(str(path), **{k: _text(v) for k, v in parameters.items()})
-    if not isinstance(scene, mi.Scene):
-        raise InputError(f"{name}: must hold a <scene> (got a {type(scene).__name__})")
-    if not scene.sensors():
-        raise InputError(f"{name}: the scene has no sensor, so there is nothing to render: add one")
-    return scene
 
 
 def load_integrator(name: str, parameters: dict[str, Any]) -> Any:

@@ -55,7 +55,7 @@ def problem(version: tuple[int, ...]) -> str | None:
         What ``drjit.detail.llvm_version()`` returned; negative when no LLVM was found.
     """
     if version[0] < 0:
-        return missing_file() or f"the llvm_* variants need an LLVM library and none was found: {_cure()}"
+        return missing_file() or f"no usable LLVM was found, which the llvm_* variants need: {_cure()}"
     if version[0] < OLDEST and platform.machine().lower() in ("x86_64", "amd64"):
         number = ".".join(map(str, version))
         library = bundled()

@@ -15,7 +15,7 @@ import numpy as np
 
 from .errors import InputError, mitsuba_errors
 from .images import check_writable, write_exr, write_png
-from .inputs import load_integrator, load_scene, parse_settings, set_variant
+from .inputs import check_scene, load_integrator, load_scene, parse_settings, set_variant
 from .maps import class_colours, heat
 from .report import Report
 
@@ -35,6 +35,7 @@ def command(options: argparse.Namespace, line: str) -> int:
         raise InputError(f"'seed' must be >= 0 and below 2**32 (got {options.seed})")
     if options.threshold is not None and not 0 <= options.threshold < float("inf"):
         raise InputError(f"'threshold' must be >= 0 and finite (got {options.threshold})")
+    check_scene(options.scene)
     output = check_writable(options.output or f"{Path(options.scene).stem}.exr", ".exr")
     parameters, scene_parameters = parse_settings(options.settings)
     if options.aovs:
