@@ -1,7 +1,7 @@
+import intervis  # noqa: F401, I001  (first: it names a good LLVM before Dr.Jit loads one)
+
 import mitsuba as mi
 import pytest
-
-import intervis  # noqa: F401  (chooses the LLVM and registers the plugins)
 
 
 @pytest.fixture
