@@ -1,0 +1,5 @@
+"""Mitsuba integrators that look at visibility first."""
+
+from .register import register
+
+__all__ = ["register"]

@@ -1,0 +1,207 @@
+"""From sums over hits to an image: weights, film, layers, error estimates and the account of rays."""
+
+from __future__ import annotations
+
+import time
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+
+from ..errors import InputError
+from ..visibility.classes import VisibilityClass
+from .cells import window_sum
+
+BATCH = 1 << 20  # most pixels a launch
+
+
+class Clock:
+    """Seconds of each phase."""
+
+    def __init__(self):
+        self.phases, self.last = {}, time.perf_counter()
+
+    def lap(self, name: str) -> None:
+        """Close a phase (waits for its kernels)."""
+        dr.sync_thread()
+        now = time.perf_counter()
+        self.phases[name] = self.phases.get(name, 0.0) + now - self.last
+        self.last = now
+
+
+def refuse_gradients(scene) -> None:
+    """Say clearly that a plain ``render`` call returns no gradient, instead of returning zero."""
+    if not dr.flag(dr.JitFlag.SymbolicScope) and any(dr.grad_enabled(v) for _, v in mi.traverse(scene)):
+        raise InputError(
+            "'scene' has parameters with gradients enabled, which integrator.render() cannot track: "
+            "call mi.render(scene, params, integrator=...) instead"
+        )
+
+
+def batches(decision, group):
+    """Yield index lists of the pixels in a group, alike ones together so that lanes of a packet end together."""
+    index = dr.compress(group & (decision.hits > 0))
+    if not dr.width(index):
+        return
+    hits = np.array(dr.gather(mi.UInt32, decision.hits, index))
+    rays = np.array(dr.gather(mi.UInt32, decision.rays, index))
+    key = (16 * np.log2(hits).astype(np.int16) + np.log2(np.maximum(rays, 1)).astype(np.int16)).astype(np.int16)
+    order = np.array(index)[np.argsort(-key, kind="stable")]
+    for start in range(0, len(order), BATCH):
+        yield mi.UInt32(order[start : start + BATCH])
+
+
+class Totals:
+    """Sums of a render, one entry a pixel, on their way to the film."""
+
+    def __init__(self, frame, film, pilot, decision):
+        self.frame, self.film, self.pilot, self.decision = frame, film, pilot, decision
+        zeros = lambda n: [dr.zeros(mi.Float, frame.pixels) for _ in range(n)]  # noqa: E731
+        self.first, self.second, self.bright, self.straight, self.alpha = zeros(3), zeros(3), zeros(3), zeros(3), zeros(1)
+        self.traced, self.reflected = (dr.zeros(mi.UInt32, frame.pixels) for _ in range(2))
+        self.plain = film.rfilter().is_box_filter() and not mi.has_flag(film.flags(), mi.FilmFlags.Special)
+        self.block = None if self.plain else film.create_block()
+        if self.block is not None:
+            self.block.set_coalesce(False)
+            value, _ = self._pilot()
+            weight = decision.pilot_weight
+            position = mi.Point2f(pilot.position)
+            self.block.put(position, self._channels(value, pilot.alpha, weight, position))
+
+    def _channels(self, colour, alpha, weight, position):
+        # Unequal counts must not pull the filter towards busy pixels: each hit weighs one over its pixel's number
+        out = [colour.x * weight, colour.y * weight, colour.z * weight]
+        if mi.has_flag(self.film.flags(), mi.FilmFlags.Alpha):
+            out.append(alpha * weight)
+        return out + [weight] + [mi.Float(0)] * (self.block.channel_count() - len(out) - 1)
+
+    def splatting(self):
+        """Block and channel function for hits that spread over several pixels; ``None`` for a box filter."""
+        return (None, None) if self.block is None else (self.block, self._channels)
+
+    def add(self, index, sums) -> None:
+        """Store the sums of the listed pixels."""
+        first, second, bright, straight, alpha, traced, reflected = sums
+        for target, source in zip(
+            (self.first, self.second, self.bright, self.straight), (first, second, bright, straight), strict=True
+        ):
+            for i in range(3):
+                dr.scatter(target[i], source[i], index)
+        dr.scatter(self.alpha[0], alpha, index)
+        dr.scatter(self.traced, traced, index)
+        dr.scatter(self.reflected, reflected, index)
+        extra = [self.block.tensor()] if self.block is not None else []
+        dr.eval(self.first, self.second, self.bright, self.straight, self.alpha, self.traced, self.reflected, *extra)
+
+    def _pilot(self):
+        value = self.pilot.value + self.decision.mean * self.pilot.control + self.pilot.emission
+        return value, self.pilot.emission
+
+    def mix(self, pilot, sums):
+        """Pool the pilot's estimate with the mean over the added hits."""
+        w = self.decision.pilot_weight
+        return pilot * w + sums * ((1 - w) / mi.Float(dr.maximum(self.decision.hits, 1)))
+
+    def image(self):
+        """Pixel estimates, as ``mi.Color3f``."""
+        sums = mi.Color3f([a + b for a, b in zip(self.first, self.second, strict=True)])
+        return self.mix(self._pilot()[0], sums)
+
+    def halves(self):
+        """Means over each half of a pixel's hits."""
+        hits = self.decision.hits
+        low = hits >> 1
+        a = mi.Color3f(self.first) / mi.Float(dr.maximum(low, 1))
+        b = mi.Color3f(self.second) / mi.Float(dr.maximum(hits - low, 1))
+        return a, b
+
+    def error(self):
+        """Standard error a pixel and channel: from the difference of a pixel's halves, smoothed over its neighbours."""
+        a, b = self.halves()
+        known = dr.select(self.decision.hits >= 2, mi.Float(1), mi.Float(0))
+        squares = [dr.square(0.5 * (x - y)) * known for x, y in zip(a, b, strict=True)]
+        n = mi.Float(dr.maximum(self.decision.hits, 1))
+        # Neighbours differ in their hits: compare what a single hit would do
+        scaled = [q * n for q in squares]
+        near = window_sum(scaled + [known], self.frame.width, self.frame.height, 1)
+        count = near[3] + known
+        image = self.image()
+        level = mi.luminance(image)
+        guess = dr.square(self.decision.error) * (level * level + 0.01)
+        per_hit = [dr.select(count > 0, (s + q) / dr.maximum(count, 1), guess) for s, q in zip(near[:3], scaled, strict=True)]
+        return mi.Color3f([dr.sqrt(v / n) for v in per_hit])
+
+    def relative_error(self, image, error) -> float:
+        """Root of the image's expected mean relative squared error."""
+        value = [dr.mean(dr.square(e) / (x * x + 0.01))[0] for x, e in zip(image, error, strict=True)]
+        return float(np.sqrt(np.mean(value)))
+
+    def layers(self, error):
+        """Layers in the order of `aov_names`."""
+        pilot = mi.Float(self.pilot.traced)
+        return [
+            mi.Float(self.decision.label),
+            self.decision.mean,
+            mi.Float(self.traced) + pilot,
+            *error,
+        ]
+
+    def develop(self, image, layers):
+        """Hand everything to the film and return its tensor."""
+        if self.block is None:
+            block = self.film.create_block()
+            columns = list(image)
+            if mi.has_flag(self.film.flags(), mi.FilmFlags.Alpha):
+                columns.append(self.mix(self.pilot.alpha, self.alpha[0]))
+            columns += [mi.Float(1)] + layers
+            block = self._filled(block, columns)
+        else:
+            block = self.block
+            base = block.channel_count() - len(layers)
+            shape = dr.shape(block.tensor())
+            old = dr.reshape(block.tensor(), (shape[0] * shape[1], shape[2]))
+            weight = mi.Float(dr.ravel(old[:, base - 1]))
+            if layers:
+                border = (shape[1] - self.frame.width) // 2
+                columns = [mi.Float(dr.ravel(old[:, c])) for c in range(base)]
+                columns += [self._padded(x, shape, border) * weight for x in layers]
+                block = self._filled(block, columns)
+        self.film.put_block(block)
+        return self.film.develop()
+
+    def _padded(self, layer, shape, border):
+        index = dr.arange(mi.UInt32, shape[0] * shape[1])
+        x = dr.clip(mi.Int32(index % shape[1]) - border, 0, self.frame.width - 1)
+        y = dr.clip(mi.Int32(index // shape[1]) - border, 0, self.frame.height - 1)
+        return dr.gather(mi.Float, layer, mi.UInt32(y * self.frame.width + x))
+
+    def _filled(self, block, columns):
+        count = len(columns)
+        n = dr.width(block.tensor().array) // count
+        data = dr.zeros(mi.Float, n * count)
+        index = dr.arange(mi.UInt32, n) * count
+        for c, column in enumerate(columns):
+            dr.scatter(data, column, index + c)
+        tensor = mi.TensorXf(data, dr.shape(block.tensor()))
+        return mi.ImageBlock(tensor, block.offset(), block.rfilter(), block.has_border())
+
+    def account(self, shading, max_rays: int):
+        """Rays traced by kind, rays not traced by reason, and pixels by class."""
+        total = lambda x: int(np.sum(np.array(x, dtype=np.int64)))  # noqa: E731
+        d = self.decision
+        planned = total(d.hits * d.rays) if shading.lights.count else 0
+        rays = {
+            "camera": total(d.hits) + self.frame.pixels,
+            "pilot": total(self.pilot.traced),
+            "refinement": total(self.traced),
+            "bsdf": total(self.reflected) + total(self.pilot.reflected),
+        }
+        label, hits = np.array(d.label), np.array(d.hits)
+        missed = np.array(self.pilot.alpha) == 0
+        skipped = {
+            "no contribution": max(planned - rays["refinement"], 0),
+            "pixels that missed": int(np.sum(missed & (hits == 0))),
+            "pixels converged": int(np.sum(~missed & (hits == 0))),
+        }
+        classes = {c.name.lower(): int(np.sum(label == int(c))) for c in VisibilityClass}
+        return rays, skipped, {k: v for k, v in classes.items() if v}

@@ -1,0 +1,134 @@
+"""From pilot counts to decisions: a class for every pixel, guesses for its light cells, and how many rays to spend."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import drjit as dr
+import mitsuba as mi
+
+from ..visibility.classes import VisibilityClass
+
+try:
+    from ..visibility import classify_grid
+except ImportError:
+    def classify_grid(f, c):
+        return dr.zeros(mi.UInt32, dr.width(f[0])) + 2
+from . import cells
+
+EXPONENT = 0.7  # hits ∝ (expected relative error)^EXPONENT: below Neyman's 1, as errors fall faster than N^-1/2
+PRIOR = 0.01  # doubt about a cell that looked decided: share of the light that the pilots may have missed
+HIT_COST = 2.0  # cost of a camera hit in shadow rays
+MAX_LOG_RAYS = 3  # at most 8 shadow rays a hit
+
+
+@dataclass
+class Decision:
+    """What to do in each pixel; arrays of one entry a pixel."""
+
+    label: object  # mi.UInt32, VisibilityClass
+    guess: object  # mi.UInt64, packed cell fractions
+    mask: object  # mi.UInt32, undecided cells
+    mean: object  # mi.Float, mean visibility
+    refine: object  # mi.Bool, sample undecided cells more
+    rays: object  # mi.UInt32, shadow rays a hit
+    error: object  # mi.Float, expected relative standard error of one hit
+    light_seen: list  # packed counters by light, of the window
+    light_tried: list
+    hits: object = None  # mi.UInt32, camera hits to add
+    pilot_weight: object = None  # mi.Float, weight of the pilot's own estimate
+
+
+def decide(pilot, frame, classifier: str, grid: int, refinement: bool) -> Decision:
+    """Classify each pixel's light from its neighbours' pilots, and predict the error of one more hit.
+
+    Parameters
+    ----------
+    pilot : Pilot
+    frame : Frame
+    classifier : str
+        ``mlp``, ``svm`` or ``threshold``.
+    grid : int
+        Light cells along each side, at most 4.
+    refinement : bool
+        Mark pixels whose light cells disagree for refinement.
+
+    Returns
+    -------
+    Decision
+        With ``hits`` and ``pilot_weight`` still empty.
+    """
+    near = cells.window_sum(pilot.seen + pilot.tried, frame.width, frame.height)
+    half = len(near) // 2
+    near_seen, near_tried = near[:half], near[half:]
+    bins = [4 * row + column for row in range(grid) for column in range(grid)]
+
+    total_seen = sum((cells.read(near_seen, c) for c in bins), mi.UInt32(0))
+    total_tried = sum((cells.read(near_tried, c) for c in bins), mi.UInt32(0))
+    mean = dr.select(total_tried > 0, mi.Float(total_seen) / dr.maximum(mi.Float(total_tried), 1), 0)
+
+    fractions = []
+    for c in bins:
+        v, n = mi.Float(cells.read(near_seen, c)), mi.Float(cells.read(near_tried, c))
+        fractions.append(dr.select(n > 0, v / dr.maximum(n, 1), mean))
+
+    label = classify_grid(fractions, classifier)
+    full = mean >= 1
+    hidden = (mean <= 0) & (total_tried > 0)
+    # The counts are certain about these two; the classifier tells the others apart
+    label = dr.select(full, int(VisibilityClass.FULLY_VISIBLE), label)
+    label = dr.select(hidden | (total_tried == 0), int(VisibilityClass.INVISIBLE), label)
+    decided = full | (mean <= 0)
+
+    guess = cells.pack_fractions(fractions if grid == 4 else [mean] * 16)
+    mask = cells.undecided(guess)
+    refine = ~decided & (mask != 0xFFFF) & refinement
+    # Standard deviation of one shadow ray: every cell counts by how undecided it is
+    spread = mi.Float(0)
+    for f in fractions:
+        spread += dr.sqrt(dr.maximum(f * (1 - f), PRIOR * PRIOR))
+    spread /= len(fractions)
+    # Noise from inside the pixel (edges, textures) shows as differences between neighbours
+    unshadowed, emitted = mi.luminance(pilot.bright), mi.luminance(pilot.emission)
+    tone = unshadowed * mean + emitted
+    one = mi.Float(dr.full(mi.Float, 1, frame.pixels))
+    s1, s2, count = cells.window_sum([tone, tone * tone, one], frame.width, frame.height, 1)
+    level = s1 / dr.maximum(count, 1)
+    camera = dr.maximum(s2 / dr.maximum(count, 1) - level * level, 0)
+    light = dr.square(unshadowed * spread)
+    # As many shadow rays a hit as balance the two, given what a hit and a ray cost
+    balance = dr.sqrt(HIT_COST * light / dr.maximum(camera, 1e-12 + 1e-6 * level * level))
+    rays = mi.UInt32(1) << mi.UInt32(dr.clip(dr.round(dr.log2(dr.maximum(balance, 1))), 0, MAX_LOG_RAYS))
+    error = dr.sqrt((camera + light / dr.power(mi.Float(rays), 1.3)) / (level * level + 0.01))
+    return Decision(label, guess, mask, mean, refine, rays, error, near_seen[2:], near_tried[2:])
+
+
+def allocate(decision, frame, seed, budget: float, max_rays: int, pilot_rays: int, threshold: float) -> None:
+    """Spread a budget of rays over the pixels (sets ``hits`` and ``pilot_weight``).
+
+    Hits are proportional to ``error^EXPONENT``, rounded at random (by the pixel's number and the seed, not its samples).
+    """
+    share = dr.power(decision.error, EXPONENT)
+    cost = mi.Float(decision.rays) + 1
+    most = mi.Float(dr.maximum((max_rays - pilot_rays) // decision.rays, 0))
+    if threshold > 0:
+        # Enough hits for the error wanted, at the rate at which stratified hits converge
+        most = dr.minimum(most, dr.ceil(dr.power(decision.error / threshold, 1.5)))
+    dr.eval(share, cost, most)
+    scale = float(budget / max(dr.sum(share * cost)[0], 1e-20))
+    # Pixels at their limit hand on what they cannot use
+    for _ in range(4):
+        spent = float(dr.sum(dr.minimum(share * scale, most) * cost)[0])
+        if spent <= 0 or spent >= 0.995 * budget:
+            break
+        scale *= min(budget / spent, 4.0)
+    wanted = dr.minimum(share * scale, most)
+    jitter = mi.sample_tea_float32(dr.arange(mi.UInt32, frame.pixels), seed, 4)
+    # Powers of two, where the points form nets: the two nearest are mixed so that the expected number is as wanted
+    low = dr.select(wanted >= 1, dr.exp2(dr.floor(dr.log2(dr.maximum(wanted, 1)))), 0)
+    high = dr.select(wanted >= 1, 2 * low, 1)
+    hits = dr.select(jitter * (high - low) < wanted - low, high, low)
+    decision.hits = mi.UInt32(dr.minimum(hits, dr.select(most >= 1, dr.exp2(dr.floor(dr.log2(dr.maximum(most, 1)))), 0)))
+    # The pilot is one hit of few rays without guidance; its weight may not depend on its own outcome
+    ratio = mi.Float(decision.hits) * mi.Float(decision.rays) / mi.Float(max(pilot_rays, 1))
+    decision.pilot_weight = dr.select(decision.hits == 0, 1, dr.rcp(1 + dr.power(ratio, 1.3) * 2))

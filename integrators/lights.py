@@ -1,0 +1,225 @@
+"""The lights of a scene as the sampler sees them: which emitters there are, how bright, where, and in closed form."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+
+_REFERENCE_SAMPLES = 256
+
+
+@dataclass
+class Lights:
+    """Emitters of a scene, in arrays that kernels gather from.
+
+    Attributes
+    ----------
+    count : int
+        Number of emitters.
+    area : list of bool
+        Which of them are area lights.
+    emitters : list of mi.Emitter
+        The emitters, in the scene's order.
+    pointers : mi.EmitterPtr
+        The same, for virtual calls by index.
+    centre, normal : mi.Point3f, mi.Vector3f
+        Bounding-sphere centre and, for planar one-sided lights, the emitting side's normal (else zero).
+    radius, power : mi.Float
+        Bounding-sphere radius (negative for lights at infinity) and a bound-like brightness
+        (radiance times area for area lights, intensity for points, irradiance at infinity).
+    rectangle : tuple or None
+        Corners, normal and constant radiance spectrum source if the only light is a plain rectangle.
+    """
+
+    count: int
+    area: list
+    emitters: list
+    pointers: object
+    centre: object
+    normal: object
+    radius: object
+    power: object
+    rectangle: tuple | None
+    numbers: object = None
+
+    def index(self, emitter):
+        """Position of an emitter (pointer) in the arrays."""
+        identity = dr.reinterpret_array(mi.UInt32, emitter)
+        return dr.gather(mi.UInt32, self.numbers, dr.minimum(identity, dr.width(self.numbers) - 1))
+
+
+def _numbers(pointers):
+    # Registry number of each emitter to its position
+    identity = np.array(dr.reinterpret_array(mi.UInt32, pointers))
+    table = np.zeros(int(identity.max()) + 1, dtype=np.uint32)
+    table[identity] = np.arange(len(identity))
+    return mi.UInt32(table)
+
+
+def _mean_radiance(emitter, shape) -> float:
+    # Average luminance over the surface: textures, spectra and meshes alike are simply looked at
+    u = mi.Point2f(dr.meshgrid(*[(dr.arange(mi.Float, 16) + 0.5) / 16] * 2))
+    position = shape.sample_position(0.0, u)
+    si = dr.zeros(mi.SurfaceInteraction3f, _REFERENCE_SAMPLES)
+    si.p, si.n, si.uv, si.wi = position.p, position.n, position.uv, mi.Vector3f(0, 0, 1)
+    si.t, si.sh_frame = mi.Float(1), mi.Frame3f(position.n)
+    if mi.is_spectral:
+        si.wavelengths, _ = mi.sample_rgb_spectrum(mi.sample_shifted(mi.Float(0.5)))
+    value = np.array(mi.luminance(emitter.eval(si), si.wavelengths))
+    mean = float(np.mean(value[np.isfinite(value)])) if np.isfinite(value).any() else 0.0
+    return max(mean, 0.0)
+
+
+def _brightness_elsewhere(emitter, scene) -> tuple[np.ndarray, float, float]:
+    # Point-like lights are probed from two places: an inverse square law betrays a position
+    box = scene.bbox()
+    centre = np.array(box.center(), dtype=np.float64) if box.valid() else np.zeros(3)
+    size = max(float(np.linalg.norm(np.array(box.extents()))) if box.valid() else 1.0, 1e-6)
+    it = dr.zeros(mi.Interaction3f, 64)
+    it.p = mi.Point3f(centre)
+    if mi.is_spectral:
+        it.wavelengths, _ = mi.sample_rgb_spectrum(mi.sample_shifted(mi.Float(0.5)))
+    u = mi.Point2f(dr.meshgrid(*[(dr.arange(mi.Float, 8) + 0.5) / 8] * 2))
+    ds, weight = emitter.sample_direction(it, u, True)
+    value = np.array(mi.luminance(weight, it.wavelengths))
+    value = float(np.mean(value[np.isfinite(value)])) if np.isfinite(value).any() else 0.0
+    distance = np.array(ds.dist)
+    far = emitter.is_environment() or bool(np.max(distance) > 2.0 * size) or not np.all(np.isfinite(distance))
+    if far:
+        return centre, -1.0, max(value, 1e-6)
+    position = np.array(ds.p)[:, 0]
+    return position, 0.0, max(value * float(distance[0]) ** 2, 1e-6)
+
+
+def _rectangle(shape, emitter) -> tuple | None:
+    # A parallelogram with one radiance all over: the case that has a closed form
+    if not str(shape).startswith("Rectangle") or "radiance.value" not in mi.traverse(emitter):
+        return None
+    if np.size(mi.traverse(emitter)["radiance.value"]) > 3:
+        return None
+    m = np.array(mi.traverse(shape)["to_world"].matrix, dtype=np.float64).reshape(4, 4)
+    corners = [(m @ [x, y, 0, 1])[:3] for x, y in ((-1, -1), (1, -1), (1, 1), (-1, 1))]
+    normal = np.array(shape.sample_position(0.0, mi.Point2f(0.5)).n).ravel()[:3].astype(np.float64)
+    if not np.isfinite(corners).all() or not np.isfinite(normal).all() or not np.linalg.norm(normal) > 0.5:
+        return None
+    winding = np.cross(corners[1] - corners[0], corners[2] - corners[0]) @ normal
+    # Seen from the emitting side, corners must run counter-clockwise for the irradiance to be positive
+    if winding > 0:
+        corners.reverse()
+    return corners, normal, emitter
+
+
+def collect(scene) -> Lights:
+    """Gather what sampling needs to know about every emitter of a scene.
+
+    Parameters
+    ----------
+    scene : mi.Scene
+
+    Returns
+    -------
+    Lights
+    """
+    emitters = list(scene.emitters())
+    shapes = {s.emitter().id() + str(s.emitter().ptr): s for s in scene.shapes() if s.is_emitter()}
+    area, centre, normal, radius, power = [], [], [], [], []
+    rectangle = None
+    for emitter in emitters:
+        shape = shapes.get(emitter.id() + str(emitter.ptr))
+        area.append(shape is not None)
+        n = np.zeros(3)
+        if shape is None:
+            c, r, phi = _brightness_elsewhere(emitter, scene)
+        else:
+            box = shape.bbox()
+            c = np.array(box.center(), dtype=np.float64)
+            r = 0.5 * float(np.linalg.norm(np.array(box.extents())))
+            surface = shape.surface_area()
+            surface = float(surface[0] if dr.width(surface) else 0.0) if not np.isscalar(surface) else float(surface)
+            phi = _mean_radiance(emitter, shape) * surface
+            rectangle = _rectangle(shape, emitter)
+            if re.match("Rectangle|Disk", str(shape)):
+                n = np.array(shape.sample_position(0.0, mi.Point2f(0.5)).n).ravel()[:3]
+        ok = np.isfinite(c).all() and np.isfinite(r) and np.isfinite(phi) and np.isfinite(n).all()
+        centre.append(c if ok else np.zeros(3))
+        normal.append(n if ok else np.zeros(3))
+        radius.append(r if ok else 0.0)
+        power.append(phi if ok else 0.0)
+    columns = lambda rows: np.array(rows, dtype=np.float32).reshape(len(emitters), 3).T  # noqa: E731
+    return Lights(
+        count=len(emitters),
+        area=area,
+        emitters=emitters,
+        pointers=scene.emitters_dr() if emitters else None,
+        centre=mi.Point3f(columns(centre)) if emitters else None,
+        normal=mi.Vector3f(columns(normal)) if emitters else None,
+        radius=mi.Float(np.array(radius, dtype=np.float32)) if emitters else None,
+        power=mi.Float(np.array(power, dtype=np.float32)) if emitters else None,
+        rectangle=rectangle if len(emitters) == 1 else None,
+        numbers=_numbers(scene.emitters_dr()) if emitters else None,
+    )
+
+
+def importance(lights: Lights, index, p, n, transmits):
+    """Estimate what light ``index`` would add at a point if nothing stood between, for choosing among lights.
+
+    Zero only where the light provably adds nothing: wholly below the surface's horizon (when the surface does not
+    transmit), or a planar light seen from behind.
+    """
+    c = dr.gather(mi.Point3f, lights.centre, index)
+    axis = dr.gather(mi.Vector3f, lights.normal, index)
+    r = dr.gather(mi.Float, lights.radius, index)
+    phi = dr.gather(mi.Float, lights.power, index)
+    d = c - p
+    d2 = dr.squared_norm(d)
+    # Highest sine above the horizon that any point of the bounding sphere reaches
+    height = dr.dot(d, n)
+    reach = (height + r) * dr.rsqrt(dr.maximum(d2, 1e-30))
+    top = dr.select(transmits, 1.0, dr.clip(reach, 0.0, 1.0))
+    front = dr.select(dr.squared_norm(axis) > 0, dr.maximum(-dr.dot(d, axis), 0) * dr.rsqrt(dr.maximum(d2, 1e-30)), 1.0)
+    near = phi * dr.maximum(top, 0) * front / dr.maximum(d2 + 0.5 * r * r, 1e-30)
+    return dr.select(r < 0, phi, near)
+
+
+def polygon_irradiance(p, n, corners):
+    """Irradiance at points ``p`` from a planar polygon of unit radiance, clipped at the horizon (Lambert's formula).
+
+    Parameters
+    ----------
+    p : mi.Point3f
+        Receiving points.
+    n : mi.Vector3f
+        Unit normals there.
+    corners : list of mi.Point3f
+        Corners of a convex polygon, in order; clockwise seen from its emitting side.
+
+    Returns
+    -------
+    mi.Float
+        E/L in steradians times cosine, in [0, π]. The side of the polygon is not tested.
+    """
+    v = [dr.normalize(c - p) for c in corners]
+    z = [dr.dot(a, n) for a in v]
+    total, leave, enter = mi.Float(0), mi.Vector3f(0), mi.Vector3f(0)
+
+    def edge(a, b):
+        c = dr.cross(a, b)
+        s = dr.norm(c)
+        return dr.select(s > 0, dr.dot(c, n) * dr.atan2(s, dr.dot(a, b)) / dr.maximum(s, 1e-30), 0)
+
+    for i in range(len(v)):
+        a, b, za, zb = v[i], v[(i + 1) % len(v)], z[i], z[(i + 1) % len(v)]
+        # An edge that crosses the horizon is cut there; the cuts are joined along the horizon below
+        crossing = (za > 0) != (zb > 0)
+        cut = dr.normalize(a * zb - b * za) * dr.select(zb > za, 1.0, -1.0)
+        leave = dr.select(crossing & (za > 0), cut, leave)
+        enter = dr.select(crossing & (zb > 0), cut, enter)
+        a = dr.select(za > 0, a, cut)
+        b = dr.select(zb > 0, b, cut)
+        total += dr.select((za > 0) | (zb > 0), edge(a, b), 0)
+    total += edge(leave, enter)
+    return dr.maximum(0.5 * total, 0)

@@ -1,0 +1,241 @@
+"""The two passes over the pixels: a pilot that looks, and a main pass that spends rays where the pilot was undecided."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import drjit as dr
+import mitsuba as mi
+
+from . import cells
+from .bounce import indirect
+from .camera import Frame, scramble
+from .lights import importance
+from .points import net_1d, net_2d, shuffle
+from .shading import Shading, Surface, rectangle_light, several_lights, single_light
+
+COUNTED_LIGHTS = 16  # with more lights than this, their visibility is not told apart
+
+
+@dataclass
+class Pilot:
+    """What one hit and a few shadow rays a pixel have found; arrays of one entry a pixel."""
+
+    value: object  # mi.Color3f, light reflected
+    control: object  # mi.Color3f, closed form minus its own sample mean: times the guess, added to value
+    bright: object  # mi.Color3f, light reflected were nothing in the way
+    emission: object  # mi.Color3f, light straight from emitters
+    alpha: object  # mi.Float
+    position: object  # mi.Point2f, film position
+    normal: object  # mi.Vector3f, shading normal at the hit, zero on a miss
+    point: object  # mi.Point3f
+    seen: list  # packed counters by cell, then by light
+    tried: list
+    traced: object  # mi.UInt32, shadow rays
+    reflected: object  # mi.UInt32, rays by BSDF sampling
+
+
+def to_rgb(value, wavelengths):
+    """Film colour of a spectral, mono or rgb value."""
+    if mi.is_spectral:
+        return mi.spectrum_to_srgb(value, wavelengths)
+    if mi.is_monochromatic:
+        return mi.Color3f(value.x)
+    return mi.Color3f(value)
+
+
+def first_hit(shading: Shading, frame: Frame, corner, s, keys):
+    """Shoot a primary ray; return the ray, interaction, emitted light, ray weight, film position and coverage."""
+    ray, weight, position = frame.shoot(corner, s, keys)
+    scene = shading.scene
+    if shading.hide:
+        si = scene.ray_intersect_preliminary(ray, True)
+        si = shading.integrator.skip_area_emitters(scene, ray, True, mi.Bool(True))
+        si = si.compute_surface_interaction(ray, mi.RayFlags.All)
+        emission = mi.Spectrum(0)
+    else:
+        si = scene.ray_intersect(ray, mi.RayFlags.All, True)
+        emission = si.emitter(scene).eval(si) if shading.lights.count else mi.Spectrum(0)
+    emission = dr.select(dr.all(dr.isfinite(emission)), emission, 0)
+    return ray, si, emission, weight, position
+
+
+def _trusting(shading: Shading, seen: list, tried: list):
+    """Factor of each light's importance: lower for lights that the neighbours' pilots did not see."""
+    if not seen or shading.lights.count > COUNTED_LIGHTS:
+        return lambda l: mi.Float(1)
+
+    def trust(l):
+        shift = mi.UInt64((l & 7) << 3)
+        word = lambda words: dr.select(l < 8, words[0], words[-1])  # noqa: E731
+        v = mi.Float(mi.UInt32((word(seen) >> shift) & 255))
+        n = mi.Float(mi.UInt32((word(tried) >> shift) & 255))
+        return dr.sqrt((v + 0.25) / (n + 0.25))
+
+    return trust
+
+
+def _reflected(shading: Shading, surface: Surface, s, keys, rays, trust, total):
+    """Light found by following one BSDF sample, weighted against the light samples."""
+    value, emitter, pdf, density, traced = surface.reflect(
+        net_1d(shuffle(s, keys[10]), keys[11]), net_2d(shuffle(s, keys[11]), keys[10], keys[6])
+    )
+    chance = mi.Float(1)
+    if shading.lights.count > 1:
+        l = shading.lights.index(emitter)
+        n = surface.facing()
+        weight = importance(shading.lights, l, surface.si.p, n, surface.transmits) * trust(l)
+        chance = dr.select(total > 0, weight / total, 0)
+    # Balance heuristic, the other side of Surface.integrand
+    other = mi.Float(rays) * chance * density
+    value *= dr.select(other > 0, pdf / dr.maximum(pdf + other, 1e-30), 1)
+    return dr.select(dr.all(dr.isfinite(value)), value, 0), dr.select(traced, mi.UInt32(1), mi.UInt32(0))
+
+
+@dr.syntax
+def pilot(shading: Shading, frame: Frame, seed, rays: int) -> Pilot:
+    """One camera hit and ``rays`` light samples a pixel."""
+    index = dr.arange(mi.UInt32, frame.pixels)
+    keys = scramble(index, seed, 0)
+    s, count = mi.UInt32(0), dr.opaque(mi.UInt32, rays)
+    ray, si, emission, weight, position = first_hit(shading, frame, frame.corner(index), s, keys)
+    surface = Surface(shading, si, si.is_valid(), count)
+    lights = shading.lights
+    grid = dr.opaque(mi.UInt32, shading.grid)
+
+    # Choose a light for every ray in proportion to what it could add
+    total, chance, l = mi.Float(0), mi.Float(1), mi.UInt32(0)
+    several = lights.count > 1
+    if dr.hint(several, mode="scalar"):
+        number, n, k = dr.opaque(mi.UInt32, lights.count), surface.facing(), mi.UInt32(0)
+        while k < number:
+            total += importance(lights, k, si.p, n, surface.transmits)
+            k += 1
+    active = surface.active & (lights.count > 0)
+    if dr.hint(several, mode="scalar"):
+        active &= total > 0
+
+    seen, tried = cells.empty(16), cells.empty(16)
+    light_seen, light_tried = cells.empty(16), cells.empty(16)
+    lit_sum, all_sum, traced = mi.Spectrum(0), mi.Spectrum(0), mi.UInt32(0)
+    shift, r, before, weight_l = net_1d(s, keys[6]), mi.UInt32(0), mi.Float(0), mi.Float(0)
+    if dr.hint(several, mode="scalar"):
+        weight_l = importance(lights, l, si.p, surface.facing(), surface.transmits)
+    if dr.hint(lights.count > 0, mode="scalar"):
+        while active & (r < count):
+            if dr.hint(several, mode="scalar"):
+                target = (mi.Float(r) + shift) / mi.Float(count) * total
+                while (before + weight_l <= target) & (l + 1 < dr.opaque(mi.UInt32, lights.count)):
+                    before += weight_l
+                    l += 1
+                    weight_l = importance(lights, l, si.p, surface.facing(), surface.transmits)
+                chance = weight_l / total
+            u = net_2d(r, keys[8], keys[9])
+            ds, w = surface.emitter_sample(surface.emitter(l, active), u, active & (chance > 0))
+            rho, useful = surface.integrand(ds, w, chance, active & (chance > 0))
+            lit = surface.visible(ds.p, useful)
+            cell = mi.UInt32(u.y * grid) * 4 + mi.UInt32(u.x * grid)
+            tried, seen = cells.count(tried, cell, useful), cells.count(seen, cell, lit)
+            if dr.hint(several, mode="scalar"):
+                light_tried, light_seen = cells.count(light_tried, l, useful), cells.count(light_seen, l, lit)
+            all_sum += rho
+            lit_sum += dr.select(lit, rho, 0)
+            traced += dr.select(useful, mi.UInt32(1), mi.UInt32(0))
+            r += 1
+    scale = mi.Float(1) / mi.Float(count)
+    all_sum, lit_sum = all_sum * scale, lit_sum * scale
+    control, bright = mi.Spectrum(0), mi.Spectrum(all_sum)
+    if dr.hint(shading.closed, mode="scalar"):
+        light = surface.rectangle()
+        bright = light.radiance * light.unshadowed()
+        control = bright - all_sum
+    reflected = mi.UInt32(0)
+    if dr.hint(lights.count > 0 and not shading.lambert, mode="scalar"):
+        extra, reflected = _reflected(shading, surface, s, keys, count, lambda l: mi.Float(1), total)
+        lit_sum += extra
+        bright += extra
+    if dr.hint(shading.depth != 2, mode="scalar"):
+        emission += indirect(shading, si, seed, index, s, mi.UInt32(0))
+    lam = ray.wavelengths
+    hit = si.is_valid()
+    return Pilot(
+        to_rgb(lit_sum * weight, lam),
+        to_rgb(control * weight, lam),
+        to_rgb(bright * weight, lam),
+        to_rgb(emission * weight, lam),
+        dr.select(hit, mi.Float(1), mi.Float(0)),
+        position,
+        dr.select(hit, surface.facing(), 0),
+        dr.select(hit, si.p, 0),
+        seen + (light_seen if several else []),
+        tried + (light_tried if several else []),
+        traced,
+        reflected,
+    )
+
+
+@dr.syntax
+def spend(shading: Shading, frame: Frame, seed, index, decision, refine: bool, block=None, channels=None):
+    """Add each listed pixel's hits.
+
+    Returns
+    -------
+    first, second : mi.Color3f
+        Sums over the first and the second half of a pixel's hits.
+    bright, straight : mi.Color3f
+        Sums of unshadowed and of emitted (or otherwise not re-weighable) light.
+    alpha : mi.Float
+    traced, reflected : mi.UInt32
+        Shadow rays and BSDF rays.
+    """
+    keys = scramble(index, seed, 1)
+    corner = frame.corner(index)
+    guess = dr.gather(mi.UInt64, decision.guess, index)
+    mask = dr.gather(mi.UInt32, decision.mask, index)
+    mean = dr.gather(mi.Float, decision.mean, index)
+    if dr.hint(not shading.closed, mode="scalar"):
+        # Without a closed form the control pays only where it is likely to be exact
+        mean = dr.select(mean >= 1, mi.Float(1), mi.Float(0))
+    rays = dr.gather(mi.UInt32, decision.rays, index)
+    hits = dr.gather(mi.UInt32, decision.hits, index)
+    share = dr.gather(mi.Float, decision.pilot_weight, index)
+    share = (1 - share) / mi.Float(dr.maximum(hits, 1))
+    seen = [dr.gather(mi.UInt64, w, index) for w in decision.light_seen]
+    tried = [dr.gather(mi.UInt64, w, index) for w in decision.light_tried]
+    trust = _trusting(shading, seen, tried)
+    half = hits >> 1
+    first, second, bright, straight = mi.Color3f(0), mi.Color3f(0), mi.Color3f(0), mi.Color3f(0)
+    alpha, traced, reflected = mi.Float(0), mi.UInt32(0), mi.UInt32(0)
+    s = mi.UInt32(0)
+    while s < hits:
+        ray, si, emission, weight, position = first_hit(shading, frame, corner, s, keys)
+        surface = Surface(shading, si, si.is_valid(), rays)
+        value, full, n, total = mi.Spectrum(0), mi.Spectrum(0), mi.UInt32(0), mi.Float(0)
+        if dr.hint(shading.lights.count == 0, mode="scalar"):
+            n = mi.UInt32(0)
+        elif dr.hint(shading.closed, mode="scalar"):
+            value, full, n = rectangle_light(surface, guess, mask, mean, rays, s * rays, keys[8], keys[9], refine)
+        elif dr.hint(shading.lights.count == 1, mode="scalar"):
+            value, full, n = single_light(surface, guess, mask, mean, rays, s * rays, keys[8], keys[9], refine)
+        else:
+            value, full, n, total = several_lights(surface, trust, rays, s, [keys[8], keys[9], keys[6], keys[7]])
+        if dr.hint(shading.lights.count > 0 and not shading.lambert, mode="scalar"):
+            extra, m = _reflected(shading, surface, s, keys, rays, trust, total)
+            value += extra
+            full += extra
+            reflected += m
+        if dr.hint(shading.depth != 2, mode="scalar"):
+            emission += indirect(shading, si, seed, index, s, mi.UInt32(1))
+        lam = ray.wavelengths
+        colour = to_rgb((value + emission) * weight, lam)
+        first += dr.select(s < half, colour, 0)
+        second += dr.select(s < half, 0, colour)
+        bright += to_rgb(full * weight, lam)
+        straight += to_rgb(emission * weight, lam)
+        hit = dr.select(si.is_valid(), mi.Float(1), mi.Float(0))
+        alpha += hit
+        traced += n
+        if dr.hint(block is not None, mode="scalar"):
+            block.put(position, channels(colour, hit, share, position))
+        s += 1
+    return first, second, bright, straight, alpha, traced, reflected

@@ -1,0 +1,336 @@
+"""Direct light at a shading point: what is known in closed form, plus rays that correct what was guessed.
+
+With ``g`` a guess of the visibility ``V`` (1, 0 or a cell's fraction) and ``ρ`` the unshadowed integrand,
+
+    ∫ V ρ  =  ∫ g ρ  +  ∫ (V − g) ρ .
+
+The first term needs no rays: it is a polygon's closed form, or a sum over cells. The second is sampled, mostly where the
+guess is uncertain. It vanishes where the guess is right, so a fully visible light leaves no noise, and it is unbiased
+whatever the guess: the guess only has to come from other samples.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+
+import drjit as dr
+import mitsuba as mi
+
+from . import cells
+from .lights import Lights, collect, importance, polygon_irradiance
+from .points import net_1d, net_2d, shuffle
+
+FLOOR = 0.08  # sampling weight of a decided light cell, next to 1 for an undecided one
+
+
+@dataclass
+class Shading:
+    """What is known about a scene before the first ray, and how it is to be lit.
+
+    Attributes
+    ----------
+    scene : mi.Scene
+    lights : Lights
+    lambert : bool
+        Every surface is a plain (one- or two-sided) ``diffuse``.
+    closed : bool
+        The only light is a constant rectangle and every surface Lambertian: unshadowed light has a closed form.
+    integrator : mi.Integrator
+    grid : int
+        Light cells along each side.
+    depth, rr_depth : int
+        Mitsuba's ``max_depth`` (2: direct light only) and ``rr_depth``.
+    hide : bool
+        Do not show emitters to the camera.
+    """
+
+    scene: object
+    lights: Lights
+    lambert: bool
+    closed: bool
+    integrator: object = None
+    grid: int = 4
+    depth: int = 2
+    rr_depth: int = 5
+    hide: bool = False
+
+
+def _is_lambertian(bsdf) -> bool:
+    names = set(re.findall(r"(?:^|= )([A-Z]\w+)\[", str(bsdf)))
+    surfaces = {n for n in names if not re.search("Spectrum|Texture|Bitmap|Checkerboard|Mesh|Volume|Transform", n)}
+    return bool(surfaces) and surfaces <= {"SmoothDiffuse", "TwoSided", "TwoSidedBRDF"}
+
+
+def prepare(scene) -> Shading:
+    """Look at a scene's lights and materials once."""
+    lights = collect(scene)
+    bsdfs = [s.bsdf() for s in scene.shapes()]
+    lambert = all(b is not None and _is_lambertian(b) for b in bsdfs)
+    closed = lambert and lights.rectangle is not None and not mi.is_spectral
+    return Shading(scene, lights, lambert, closed)
+
+
+def _lambert(si, bsdf, active):
+    """Albedo over π and the side the viewer is on (0 where a one-sided surface is seen from behind)."""
+    cos = mi.Frame3f.cos_theta(si.wi)
+    both = mi.has_flag(bsdf.flags(), mi.BSDFFlags.BackSide)
+    side = dr.select(cos > 0, mi.Float(1), dr.select(both & (cos < 0), mi.Float(-1), mi.Float(0)))
+    return bsdf.eval_diffuse_reflectance(si, active) * dr.inv_pi, side
+
+
+class Surface:
+    """A shading point, ready to be asked for the unshadowed integrand of a light sample."""
+
+    def __init__(self, shading: Shading, si, active, mis_samples=0):
+        self.shading, self.si = shading, si
+        self.bsdf = si.bsdf()
+        self.rays_per_hit = mi.Float(mis_samples)
+        if shading.lambert:
+            self.albedo, self.side = _lambert(si, self.bsdf, active)
+            self.active = active & (self.side != 0)
+            self.specular, self.transmits = mi.Bool(False), mi.Bool(False)
+        else:
+            flags = self.bsdf.flags()
+            self.active = active & mi.has_flag(flags, mi.BSDFFlags.Smooth)
+            self.transmits = mi.has_flag(flags, mi.BSDFFlags.Transmission)
+            self.specular = active & (mi.has_flag(flags, mi.BSDFFlags.Glossy) | mi.has_flag(flags, mi.BSDFFlags.Delta))
+
+    def facing(self):
+        """Shading normal on the viewer's side."""
+        return dr.mulsign(self.si.sh_frame.n, mi.Frame3f.cos_theta(self.si.wi))
+
+    def integrand(self, ds, weight, probability, active):
+        """Unshadowed integrand over density, and where it can be non-zero."""
+        wo = self.si.to_local(ds.d)
+        if self.shading.lambert:
+            f = self.albedo * dr.maximum(wo.z * self.side, 0)
+        else:
+            f, pdf = self.bsdf.eval_pdf(mi.BSDFContext(), self.si, wo, active)
+            # Balance heuristic against one BSDF sample a hit; points and directions cannot be hit by chance
+            p = self.rays_per_hit * probability * ds.pdf
+            f *= dr.select(ds.delta | ~self.specular, 1.0, p / dr.maximum(p + pdf, 1e-30))
+        rho = f * weight / probability
+        active &= (ds.pdf > 0) & dr.any(rho != 0)
+        return dr.select(active & dr.all(dr.isfinite(rho)), rho, 0), active
+
+    def rectangle(self):
+        """Return the rectangle light as this point sees it."""
+        return Rectangle(self)
+
+    def visible(self, p, active):
+        """Trace a shadow ray to a point."""
+        return active & ~self.shading.scene.ray_test(self.si.spawn_ray_to(p), active)
+
+    @dr.syntax
+    def reflect(self, s1, s2):
+        """Follow one BSDF sample to an emitter: its weighted radiance, the emitter, and both densities."""
+        scene, si = self.shading.scene, self.si
+        sample, weight = self.bsdf.sample(mi.BSDFContext(), si, s1, s2, self.specular)
+        active = self.specular & dr.any(weight != 0)
+        next_si = scene.ray_intersect(si.spawn_ray(si.to_world(sample.wo)), active)
+        emitter = next_si.emitter(scene, active)
+        ds = mi.DirectionSample3f(scene, next_si, si)
+        value = dr.select(active & (emitter != None), weight * emitter.eval(next_si, active), 0)  # noqa: E711
+        delta = mi.has_flag(sample.sampled_type, mi.BSDFFlags.Delta)
+        density = emitter.pdf_direction(si, ds, active & ~delta)
+        return value, emitter, sample.pdf, dr.select(delta, 0, density), active
+
+    def emitter(self, l, active):
+        """Emitter number ``l``; the object itself where there is only one, which spares virtual calls."""
+        lights = self.shading.lights
+        if lights.count == 1:
+            return lights.emitters[0]
+        return dr.gather(mi.EmitterPtr, lights.pointers, l, active)
+
+    def emitter_sample(self, emitter, u, active):
+        """Sample a direction towards an emitter (object or pointers)."""
+        return emitter.sample_direction(self.si, u, active)
+
+
+class Rectangle:
+    """A constant rectangle light over a Lambertian point: every integrand is ``radiance × scalar``."""
+
+    def __init__(self, surface: Surface):
+        corners, normal, emitter = surface.shading.lights.rectangle
+        opaque = lambda v: [dr.opaque(mi.Float, float(x)) for x in v]  # noqa: E731
+        self.corners = [mi.Point3f(opaque(c)) for c in corners]
+        self.first, self.second = mi.Vector3f(opaque(corners[1] - corners[0])), mi.Vector3f(opaque(corners[3] - corners[0]))
+        self.normal, self.area = mi.Vector3f(opaque(normal)), dr.norm(dr.cross(self.first, self.second))
+        self.p, self.n = surface.si.p, surface.si.sh_frame.n * surface.side
+        self.active = surface.active & (dr.dot(self.p - self.corners[0], self.normal) > 0)
+        si = dr.zeros(mi.SurfaceInteraction3f)
+        si.wi = mi.Vector3f(0, 0, 1)
+        self.radiance = surface.albedo * emitter.eval(si)
+
+    def point(self, u):
+        """Point of the light at unit-square coordinates."""
+        return self.corners[0] + self.first * u.x + self.second * u.y
+
+    def geometry(self, y):
+        """Cosines over squared distance, times area: the integrand over the unit square."""
+        d = y - self.p
+        d2 = dr.squared_norm(d)
+        g = dr.maximum(dr.dot(d, self.n), 0) * dr.maximum(-dr.dot(d, self.normal), 0) * self.area
+        return dr.select(self.active & (d2 > 0), g / dr.square(d2), 0)
+
+    def unshadowed(self):
+        """Integral of the geometry term over the light, in closed form."""
+        return dr.select(self.active, polygon_irradiance(self.p, self.n, self.corners), 0)
+
+
+@dr.syntax
+def rectangle_light(surface: Surface, guess, mask, mean, rays, start, s0, s1, refine):
+    """Estimate a rectangle light at a Lambertian hit, around its closed form; arguments as in `single_light`.
+
+    The control is ``g_c ρ``: its mean part is known exactly from the closed form, the rest is summed over the cells.
+    """
+    light = surface.rectangle()
+    full, traced = light.unshadowed(), mi.UInt32(0)
+    value = full * mean
+    if dr.hint(refine, mode="scalar"):
+        jitter = net_2d(start, s1, s0)
+        c, rest = mi.UInt32(0), mi.Float(0)
+        while c < 16:
+            v = mi.Point2f((mi.Float(c & 3) + jitter.x) * 0.25, (mi.Float(c >> 2) + jitter.y) * 0.25)
+            rest += light.geometry(light.point(v)) * (cells.fraction(guess, c) - mean)
+            c += 1
+        value += rest * mi.Float(1 / 16)
+    r, acc = mi.UInt32(0), mi.Float(0)
+    while r < rays:
+        u = net_2d(start + r, s0, s1)
+        density, g = mi.Float(1), mi.Float(mean)
+        if dr.hint(refine, mode="scalar"):
+            cell, u, density = cells.sample(mask, u, mi.Float(FLOOR))
+            g = cells.fraction(guess, cell)
+        y = light.point(u)
+        rho = light.geometry(y)
+        useful = rho > 0
+        lit = surface.visible(y, useful)
+        acc += rho * (dr.select(lit, mi.Float(1), mi.Float(0)) - g) / density
+        traced += dr.select(useful, mi.UInt32(1), mi.UInt32(0))
+        r += 1
+    return light.radiance * (value + acc / mi.Float(dr.maximum(rays, 1))), light.radiance * full, traced
+
+
+@dr.syntax
+def single_light(surface: Surface, guess, mask, mean, rays, start, s0, s1, refine):
+    """Estimate one light's contribution at a hit.
+
+    Parameters
+    ----------
+    surface : Surface
+    guess : mi.UInt64
+        Packed visibility guess of the 16 cells; ignored unless ``refine``.
+    mask : mi.UInt32
+        Undecided cells.
+    mean : mi.Float
+        Mean guess over the light; 0 for plain sampling.
+    rays : mi.UInt32
+        Shadow rays to trace.
+    start : mi.UInt32
+        Index of the first point of the sequence.
+    s0, s1 : mi.UInt32
+        Scrambling seeds.
+    refine : bool
+        Cells carry their own guesses and undecided ones are visited more often.
+
+    Returns
+    -------
+    value, bright : mi.Spectrum
+        Light with and without shadows.
+    traced : mi.UInt32
+        Shadow rays traced.
+    """
+    emitter = surface.shading.lights.emitters[0]
+    value, bright, traced = mi.Spectrum(0), mi.Spectrum(0), mi.UInt32(0)
+    active = mi.Bool(surface.active)
+
+    # What the guess is worth: one jittered point a cell, no rays
+    jitter = net_2d(start, s1, s0)
+    c, stop = mi.UInt32(0), dr.select(active & (refine | (mean > 0)), mi.UInt32(16), mi.UInt32(0))
+    while c < stop:
+        v = mi.Point2f((mi.Float(c & 3) + jitter.x) * 0.25, (mi.Float(c >> 2) + jitter.y) * 0.25)
+        ds, weight = surface.emitter_sample(emitter, v, active)
+        rho, useful = surface.integrand(ds, weight, mi.Float(1), active)
+        g = mi.Float(mean)
+        if dr.hint(refine, mode="scalar"):
+            g = cells.fraction(guess, c)
+        value += rho * (g * mi.Float(1 / 16))
+        c += 1
+
+    # Rays correct the guess
+    r, acc = mi.UInt32(0), mi.Spectrum(0)
+    while r < rays:
+        u = net_2d(start + r, s0, s1)
+        density, g = mi.Float(1), mi.Float(mean)
+        if dr.hint(refine, mode="scalar"):
+            cell, u, density = cells.sample(mask, u, mi.Float(FLOOR))
+            g = cells.fraction(guess, cell)
+        ds, weight = surface.emitter_sample(emitter, u, active)
+        rho, useful = surface.integrand(ds, weight, density, active)
+        lit = surface.visible(ds.p, useful)
+        acc += rho * (dr.select(lit, mi.Float(1), mi.Float(0)) - g)
+        bright += rho
+        traced += dr.select(useful, mi.UInt32(1), mi.UInt32(0))
+        r += 1
+    scale = dr.rcp(mi.Float(dr.maximum(rays, 1)))
+    return value + acc * scale, bright * scale, traced
+
+
+@dr.syntax
+def several_lights(surface: Surface, trust, rays, s, keys):
+    """Estimate many lights at a hit: one light a ray, chosen by what it would add and how visible it has been.
+
+    The rays' choices are a systematic sample of the lights (one pass over them), so lights that matter equally are
+    visited equally.
+
+    Parameters
+    ----------
+    surface : Surface
+    trust : callable
+        Index of a light to the factor (> 0) by which its importance is scaled.
+    rays, s : mi.UInt32
+        Rays to trace, and the hit's number in its pixel.
+    keys : list of mi.UInt32
+        Four scrambling seeds.
+
+    Returns
+    -------
+    value, bright : mi.Spectrum
+        Light with and without shadows.
+    traced : mi.UInt32
+    total : mi.Float
+        Sum of the scaled importances: a light's over this is its chance.
+    """
+    lights = surface.shading.lights
+    si, active = surface.si, mi.Bool(surface.active)
+    n = surface.facing()
+    count = dr.opaque(mi.UInt32, lights.count)
+    l, total = mi.UInt32(0), mi.Float(0)
+    while l < count:
+        total += importance(lights, l, si.p, n, surface.transmits) * trust(l)
+        l += 1
+    active &= total > 0
+
+    shift = net_1d(s, keys[2])
+    value, bright, traced = mi.Spectrum(0), mi.Spectrum(0), mi.UInt32(0)
+    r, l, before = mi.UInt32(0), mi.UInt32(0), mi.Float(0)
+    weight = importance(lights, l, si.p, n, surface.transmits) * trust(l)
+    while active & (r < rays):
+        target = (mi.Float(r) + shift) / mi.Float(rays) * total
+        while (before + weight <= target) & (l + 1 < count):
+            before += weight
+            l += 1
+            weight = importance(lights, l, si.p, n, surface.transmits) * trust(l)
+        chance = weight / total
+        u = net_2d(shuffle(s * rays + r, keys[3]), keys[0], keys[1])
+        ds, w = surface.emitter_sample(surface.emitter(l, active), u, active & (chance > 0))
+        rho, useful = surface.integrand(ds, w, chance, active & (chance > 0))
+        lit = surface.visible(ds.p, useful)
+        bright += rho
+        value += dr.select(lit, rho, 0)
+        traced += dr.select(useful, mi.UInt32(1), mi.UInt32(0))
+        r += 1
+    scale = dr.rcp(mi.Float(dr.maximum(rays, 1)))
+    return value * scale, bright * scale, traced, total

@@ -1,0 +1,198 @@
+"""`visdirect` and `vispath`: direct light (and more) by visibility class."""
+
+from __future__ import annotations
+
+import resource
+import time
+
+import drjit as dr
+import mitsuba as mi
+
+from ..errors import InputError
+from ..report import Report
+from ..visibility.classes import VisibilityClass
+from . import assemble, consistent, passes
+from .camera import Frame
+from .decide import allocate, decide
+from .shading import prepare
+
+CLASSIFIERS = ("mlp", "svm", "threshold")
+AOVS = ["visibility.class", "visibility.fraction", "rays.shadow", "error.R", "error.G", "error.B"]
+
+
+def choice(name: str, value, allowed) -> str:
+    """Return ``value`` if it is one of ``allowed``; say so clearly otherwise."""
+    if value not in allowed:
+        raise InputError(f"'{name}' must be one of {', '.join(allowed)} (got '{value}')")
+    return value
+
+
+def number(name: str, value, low, high=None):
+    """Return ``value`` if it lies in [low, high]; say so clearly otherwise."""
+    if not (value >= low and (high is None or value <= high)):
+        bound = f">= {low}" if high is None else f"in [{low}, {high}]"
+        raise InputError(f"'{name}' must be {bound} (got {value})")
+    return value
+
+
+def define(base):
+    """Return the two integrator classes, derived from the active variant's ``ADIntegrator``."""
+
+    class VisDirect(base):
+        """Direct illumination that looks at the lights' visibility before it spends rays.
+
+        Parameters
+        ----------
+        mode : str
+            ``unbiased`` (default) or ``consistent`` (filters noisy penumbrae between pixels; error still vanishes
+            with the budget).
+        light_grid : int
+            Light cells along each side, 2 to 4 (default 4).
+        classifier : str
+            ``mlp``, ``svm`` or ``threshold`` (default).
+        threshold : float
+            Stop at this relative error; 0 (default) spends the budget.
+        max_rays : int
+            Most shadow rays a pixel (default 512).
+        refine : bool
+            Visit undecided light cells more often (default false: it measured slower).
+        aovs : bool
+            Add the layers ``visibility.class``, ``visibility.fraction``, ``rays.shadow`` and ``error``.
+        hide_emitters : bool
+            As in Mitsuba.
+        """
+
+        def __init__(self, props):
+            self.mode = choice("mode", props.get("mode", "unbiased"), ("unbiased", "consistent"))
+            self.grid = number("light_grid", props.get("light_grid", 4), 2, 4)
+            self.classifier = choice("classifier", props.get("classifier", "threshold"), CLASSIFIERS)
+            self.threshold = number("threshold", props.get("threshold", 0.0), 0.0)
+            self.max_rays = number("max_rays", props.get("max_rays", 512), 1)
+            self.refine = props.get("refine", False)
+            self.aovs = props.get("aovs", False)
+            self.report = Report()
+            props_depth = self._depth(props)
+            super().__init__(props)
+            self.depth = props_depth
+
+        def _depth(self, props):
+            if props.has_property("max_depth"):
+                raise InputError("'max_depth' is not a parameter of visdirect, which renders direct light only: use vispath")
+            return 2
+
+        def aov_names(self):
+            return list(AOVS) if self.aovs else []
+
+        def to_string(self):
+            return (
+                f"{type(self).__name__}[mode={self.mode}, light_grid={self.grid}, classifier={self.classifier}, "
+                f"threshold={self.threshold}, max_rays={self.max_rays}, aovs={self.aovs}]"
+            )
+
+        def render(self, scene, sensor=0, seed=0, spp=0, develop=True, evaluate=True):
+            if not develop:
+                raise InputError("'develop' must be True (got False): the integrator returns a finished image")
+            assemble.refuse_gradients(scene)
+            if isinstance(sensor, int):
+                if not 0 <= sensor < len(scene.sensors()):
+                    raise InputError(f"'sensor' must be below the scene's {len(scene.sensors())} sensors (got {sensor})")
+                sensor = scene.sensors()[sensor]
+            spp = spp or sensor.sampler().sample_count()
+            with dr.suspend_grad():
+                return self._render(scene, sensor, mi.UInt32(seed), int(spp))
+
+        def _render(self, scene, sensor, seed, spp):
+            begin = time.perf_counter()
+            clock = assemble.Clock()
+            frame = Frame(sensor)
+            film = sensor.film()
+            film.prepare(self.aov_names())
+            shading = prepare(scene)
+            shading.integrator, shading.grid, shading.hide = self, self.grid, self.hide_emitters
+            shading.depth, shading.rr_depth = self.depth, self.rr_depth
+            dr.make_opaque(seed)
+
+            # Look: one hit and up to four shadow rays a pixel, within a small share of the budget
+            pilot_rays = 0 if not shading.lights.count else min(4, 2 * spp - 1, self.max_rays)
+            look = passes.pilot(shading, frame, seed, max(pilot_rays, 1))
+            dr.eval(vars(look))
+            clock.lap("pilot")
+
+            # Decide
+            decision = decide(look, frame, self.classifier, self.grid, self.refine and shading.lambert)
+            dr.eval(vars(decision))
+            budget = frame.pixels * max(2 * spp - 1 - pilot_rays, 0) if shading.lights.count else 0
+            allocate(decision, frame, seed, budget, self.max_rays, pilot_rays, self.threshold)
+            dr.eval(decision.hits, decision.pilot_weight)
+            clock.lap("classification")
+
+            # Spend
+            total = assemble.Totals(frame, film, look, decision)
+            for refine in (False, True):
+                for index in assemble.batches(decision, decision.refine == refine):
+                    block, channels = total.splatting()
+                    total.add(index, passes.spend(shading, frame, seed, index, decision, refine, block, channels))
+            clock.lap("refinement")
+
+            image, error = total.image(), total.error()
+            if self.mode == "consistent" and shading.lights.count:
+                image = consistent.smooth(total, image, error)
+                clock.lap("filter")
+            layers = total.layers(error) if self.aovs else []
+            result = total.develop(image, layers)
+            dr.eval(result)
+            dr.sync_thread()
+            clock.lap("film")
+            self.report = self._account(total, shading, clock, begin, image, error)
+            return result
+
+        def _account(self, total, shading, clock, begin, image, error):
+            rays, skipped, classes = total.account(shading, self.max_rays)
+            return Report(
+                wall_s=time.perf_counter() - begin,
+                phases=clock.phases,
+                rays=rays,
+                skipped=skipped,
+                classes=classes,
+                memory_peak_bytes=resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024,
+                error=total.relative_error(image, error),
+            )
+
+        def _gradients(self):
+            # Gradients are those of Mitsuba's path replay at the same depth: right inside, silent at silhouettes
+            return mi.load_dict(
+                {"type": "prb", "max_depth": self.depth, "rr_depth": self.rr_depth, "hide_emitters": self.hide_emitters}
+            )
+
+        def _refuse_layers(self):
+            if self.aovs or self.mode == "consistent":
+                raise InputError(
+                    "'aovs' and mode 'consistent' have no derivatives: render with aovs=False and mode='unbiased'"
+                )
+
+        def render_forward(self, scene, params, sensor=0, seed=0, spp=0):
+            self._refuse_layers()
+            return self._gradients().render_forward(scene, params, sensor, seed, spp)
+
+        def render_backward(self, scene, params, grad_in, sensor=0, seed=0, spp=0):
+            self._refuse_layers()
+            return self._gradients().render_backward(scene, params, grad_in, sensor, seed, spp)
+
+    class VisPath(VisDirect):
+        """`visdirect` at the first hit, path tracing beyond; takes Mitsuba's ``max_depth`` and ``rr_depth`` too."""
+
+        def _depth(self, props):
+            depth = props.get("max_depth", -1)
+            if depth < 2 and depth != -1:
+                raise InputError(f"'max_depth' must be -1 (no limit) or >= 2 (got {depth})")
+            return depth
+
+    return VisDirect, VisPath
+
+
+def names_of_classes() -> list[str]:
+    """Names of the visibility configurations, in the order of their numbers."""
+    return [c.name.lower() for c in VisibilityClass]
+
+
+__all__ = ["AOVS", "CLASSIFIERS", "define", "names_of_classes"]
