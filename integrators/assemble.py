@@ -9,7 +9,7 @@ import mitsuba as mi
 import numpy as np
 
 from ..errors import InputError
-from ..visibility.classes import VisibilityClass
+from ..visibility import VisibilityClass
 from .cells import window_sum
 
 BATCH = 1 << 20  # most pixels a launch

@@ -7,13 +7,8 @@ from dataclasses import dataclass
 import drjit as dr
 import mitsuba as mi
 
-from ..visibility.classes import VisibilityClass
+from ..visibility import VisibilityClass, classify_grid
 
-try:
-    from ..visibility import classify_grid
-except ImportError:
-    def classify_grid(f, c):
-        return dr.zeros(mi.UInt32, dr.width(f[0])) + 2
 from . import cells
 
 EXPONENT = 0.7  # hits ∝ (expected relative error)^EXPONENT: below Neyman's 1, as errors fall faster than N^-1/2
@@ -92,10 +87,11 @@ def decide(pilot, frame, classifier: str, grid: int, refinement: bool) -> Decisi
     unshadowed, emitted = mi.luminance(pilot.bright), mi.luminance(pilot.emission)
     tone = unshadowed * mean + emitted
     one = mi.Float(dr.full(mi.Float, 1, frame.pixels))
-    s1, s2, count = cells.window_sum([tone, tone * tone, one], frame.width, frame.height, 1)
+    sums = [tone, tone * tone, unshadowed, one]
+    s1, s2, around, count = cells.window_sum(sums, frame.width, frame.height, 1)
     level = s1 / dr.maximum(count, 1)
     camera = dr.maximum(s2 / dr.maximum(count, 1) - level * level, 0)
-    light = dr.square(unshadowed * spread)
+    light = dr.square(around / dr.maximum(count, 1) * spread)
     # As many shadow rays a hit as balance the two, given what a hit and a ray cost
     balance = dr.sqrt(HIT_COST * light / dr.maximum(camera, 1e-12 + 1e-6 * level * level))
     rays = mi.UInt32(1) << mi.UInt32(dr.clip(dr.round(dr.log2(dr.maximum(balance, 1))), 0, MAX_LOG_RAYS))

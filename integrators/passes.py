@@ -214,9 +214,9 @@ def spend(shading: Shading, frame: Frame, seed, index, decision, refine: bool, b
         if dr.hint(shading.lights.count == 0, mode="scalar"):
             n = mi.UInt32(0)
         elif dr.hint(shading.closed, mode="scalar"):
-            value, full, n = rectangle_light(surface, guess, mask, mean, rays, s * rays, keys[8], keys[9], refine)
+            value, full, n = rectangle_light(surface, guess, mask, mean, rays, s, keys[8], keys[9], refine)
         elif dr.hint(shading.lights.count == 1, mode="scalar"):
-            value, full, n = single_light(surface, guess, mask, mean, rays, s * rays, keys[8], keys[9], refine)
+            value, full, n = single_light(surface, guess, mask, mean, rays, s, keys[8], keys[9], refine)
         else:
             value, full, n, total = several_lights(surface, trust, rays, s, [keys[8], keys[9], keys[6], keys[7]])
         if dr.hint(shading.lights.count > 0 and not shading.lambert, mode="scalar"):

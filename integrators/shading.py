@@ -111,7 +111,7 @@ class Surface:
             p = self.rays_per_hit * probability * ds.pdf
             f *= dr.select(ds.delta | ~self.specular, 1.0, p / dr.maximum(p + pdf, 1e-30))
         rho = f * weight / probability
-        active &= (ds.pdf > 0) & dr.any(rho != 0)
+        active = active & (ds.pdf > 0) & dr.any(rho != 0)
         return dr.select(active & dr.all(dr.isfinite(rho)), rho, 0), active
 
     def rectangle(self):
@@ -180,7 +180,7 @@ class Rectangle:
 
 
 @dr.syntax
-def rectangle_light(surface: Surface, guess, mask, mean, rays, start, s0, s1, refine):
+def rectangle_light(surface: Surface, guess, mask, mean, rays, s, s0, s1, refine):
     """Estimate a rectangle light at a Lambertian hit, around its closed form; arguments as in `single_light`.
 
     The control is ``g_c ρ``: its mean part is known exactly from the closed form, the rest is summed over the cells.
@@ -189,7 +189,7 @@ def rectangle_light(surface: Surface, guess, mask, mean, rays, start, s0, s1, re
     full, traced = light.unshadowed(), mi.UInt32(0)
     value = full * mean
     if dr.hint(refine, mode="scalar"):
-        jitter = net_2d(start, s1, s0)
+        jitter = net_2d(s, s1, s0)
         c, rest = mi.UInt32(0), mi.Float(0)
         while c < 16:
             v = mi.Point2f((mi.Float(c & 3) + jitter.x) * 0.25, (mi.Float(c >> 2) + jitter.y) * 0.25)
@@ -198,7 +198,7 @@ def rectangle_light(surface: Surface, guess, mask, mean, rays, start, s0, s1, re
         value += rest * mi.Float(1 / 16)
     r, acc = mi.UInt32(0), mi.Float(0)
     while r < rays:
-        u = net_2d(start + r, s0, s1)
+        u = net_2d(s * rays + r, s0, s1)
         density, g = mi.Float(1), mi.Float(mean)
         if dr.hint(refine, mode="scalar"):
             cell, u, density = cells.sample(mask, u, mi.Float(FLOOR))
@@ -214,7 +214,7 @@ def rectangle_light(surface: Surface, guess, mask, mean, rays, start, s0, s1, re
 
 
 @dr.syntax
-def single_light(surface: Surface, guess, mask, mean, rays, start, s0, s1, refine):
+def single_light(surface: Surface, guess, mask, mean, rays, s, s0, s1, refine):
     """Estimate one light's contribution at a hit.
 
     Parameters
@@ -228,8 +228,8 @@ def single_light(surface: Surface, guess, mask, mean, rays, start, s0, s1, refin
         Mean guess over the light; 0 for plain sampling.
     rays : mi.UInt32
         Shadow rays to trace.
-    start : mi.UInt32
-        Index of the first point of the sequence.
+    s : mi.UInt32
+        Number of the hit in its pixel.
     s0, s1 : mi.UInt32
         Scrambling seeds.
     refine : bool
@@ -247,7 +247,7 @@ def single_light(surface: Surface, guess, mask, mean, rays, start, s0, s1, refin
     active = mi.Bool(surface.active)
 
     # What the guess is worth: one jittered point a cell, no rays
-    jitter = net_2d(start, s1, s0)
+    jitter = net_2d(s, s1, s0)
     c, stop = mi.UInt32(0), dr.select(active & (refine | (mean > 0)), mi.UInt32(16), mi.UInt32(0))
     while c < stop:
         v = mi.Point2f((mi.Float(c & 3) + jitter.x) * 0.25, (mi.Float(c >> 2) + jitter.y) * 0.25)
@@ -262,7 +262,7 @@ def single_light(surface: Surface, guess, mask, mean, rays, start, s0, s1, refin
     # Rays correct the guess
     r, acc = mi.UInt32(0), mi.Spectrum(0)
     while r < rays:
-        u = net_2d(start + r, s0, s1)
+        u = net_2d(s * rays + r, s0, s1)
         density, g = mi.Float(1), mi.Float(mean)
         if dr.hint(refine, mode="scalar"):
             cell, u, density = cells.sample(mask, u, mi.Float(FLOOR))

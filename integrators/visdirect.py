@@ -10,7 +10,7 @@ import mitsuba as mi
 
 from ..errors import InputError
 from ..report import Report
-from ..visibility.classes import VisibilityClass
+from ..visibility import VisibilityClass
 from . import assemble, consistent, passes
 from .camera import Frame
 from .decide import allocate, decide
