@@ -71,8 +71,8 @@ def wires(
 ) -> dict[str, Any]:
     """Set the thin-wire trap: wires that hide 0.2 to 2 % of the light from the floor below them.
 
-    A few pilot rays agree that the light is visible; an estimate that stops there is too bright. The wires are
-    meshes: in single precision Mitsuba's cylinder loses a radius this small.
+    A few pilot rays agree that the light is visible; an estimate that stops there is too bright. The wires
+    are eight-sided prisms.
 
     Parameters
     ----------
@@ -96,11 +96,14 @@ def wires(
     # Each post carries a cross-arm that the wires end in.
     frame = []
     for x in (-span, span):
-        frame += [rod((x, 0.3, 0), (x, 0.3, up), 0.04), box((x - 0.03, -0.85, up - 0.03), (x + 0.03, 1.45, up + 0.03))]
+        frame += [
+            rod((x, 0.3, 0), (x, 0.3, up), 0.04),
+            box((x - 0.03, -0.85, up - 0.03), (x + 0.03, 1.45, up + 0.03)),
+        ]
     return stage(
-        origin=(0, -5.2, 3.6),
-        target=(0, -0.1, 0.35),
-        fov=50,
+        origin=(0.6, -5.4, 4.4),
+        target=(0.05, 0.0, 0.6),
+        fov=48,
         width=width,
         height=height,
         spp=spp,

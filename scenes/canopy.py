@@ -15,7 +15,7 @@ _GREENS = ((0.22, 0.46, 0.12), (0.36, 0.56, 0.14), (0.56, 0.58, 0.16))
 
 
 def _branches(rng: np.random.Generator) -> tuple[list[Triangles], np.ndarray]:
-    """A trunk and two generations of branches: their limbs, and the tips (N, 3) that carry leaves."""
+    """Grow a trunk and two generations of branches: their limbs, and the tips (N, 3) that carry leaves."""
     fork = np.array([0.05, 0.0, 1.25])
     limbs = [limb((0, 0, -0.02), fork, (0.15, 0.10))]
     tips = []
@@ -32,7 +32,7 @@ def _branches(rng: np.random.Generator) -> tuple[list[Triangles], np.ndarray]:
 
 
 def _leaves(rng: np.random.Generator, tips: np.ndarray, leaves: int, size: float) -> np.ndarray:
-    """Kite-shaped quads (leaves, 4, 3) in clouds about the tips."""
+    """Scatter kite-shaped quads (leaves, 4, 3) in clouds about the tips."""
     center = tips[rng.integers(len(tips), size=leaves)] + rng.normal(0, 0.19, (leaves, 3))
     along = rng.normal(0, 1, (leaves, 3)) + [0, 0, -0.4]
     along /= np.linalg.norm(along, axis=1, keepdims=True)
@@ -49,7 +49,7 @@ def foliage(
     leaves: int = 4500,
     leaf_size: float = 0.15,
     light_size: float = 1.3,
-    radiance: float = 80.0,
+    radiance: float = 220.0,
     seed: int = 1,
     width: int = 480,
     height: int = 270,
@@ -80,7 +80,6 @@ def foliage(
     rng = np.random.default_rng(seed)
     limbs, tips = _branches(rng)
     corners = _leaves(rng, tips, leaves, leaf_size)
-    # A few leaves already on the ground give it a scale.
     shades = np.array_split(corners, len(_GREENS))
     crown = {
         f"leaves{i}": to_mitsuba(quads(part), matte(green), name=f"leaves{i}")
@@ -88,14 +87,14 @@ def foliage(
         if len(part)
     }
     return stage(
-        origin=(0.6, -6.4, 3.4),
-        target=(0.45, 0.15, 1.0),
+        origin=(1.0, -7.4, 5.8),
+        target=(0.65, 0.2, 1.45),
         fov=42,
         width=width,
         height=height,
         spp=spp,
         floor=floor(matte((0.62, 0.56, 0.44))),
         wood=to_mitsuba(join(limbs), matte((0.34, 0.24, 0.16)), smooth=True, name="wood"),
-        light=panel((-2.6, -2.4, 6.6), (0, 0, 1.2), light_size, light_size, radiance, shape="disk"),
+        light=panel((-3.0, -3.4, 6.6), (0, 0, 1.2), light_size, light_size, radiance, shape="disk"),
         **crown,
     )

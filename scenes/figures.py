@@ -32,7 +32,10 @@ def mannequin() -> tuple[Triangles, Triangles]:
         wood.append(ellipsoid((c[0], c[1] - 0.06, 0.045), (0.055, 0.12, 0.045)))
     for a, b, c in ((arm, elbow, wrist), (arm2, elbow2, wrist2)):
         wood += [limb(a, b, (0.048, 0.038), 0.014), limb(b, c, (0.038, 0.028), 0.012)]
-    wood += [ellipsoid((0.53, -0.19, 1.56), (0.035, 0.025, 0.08)), ellipsoid((-0.38, -0.13, 0.79), (0.03, 0.04, 0.08))]
+    wood += [
+        ellipsoid((0.53, -0.19, 1.56), (0.035, 0.025, 0.08)),
+        ellipsoid((-0.38, -0.13, 0.79), (0.03, 0.04, 0.08)),
+    ]
     balls = [(0, 0, 1.11, 0.085), (0, 0, 1.53, 0.05)]
     balls += [(*p, 0.065) for p in (hip, hip2)] + [(*p, 0.057) for p in (knee, knee2)]
     balls += [(*p, 0.055) for p in (arm, arm2)] + [(*p, 0.044) for p in (elbow, elbow2)]

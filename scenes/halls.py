@@ -14,7 +14,7 @@ __all__ = ["manylights"]
 
 
 def _column(height: float) -> Triangles:
-    """A round column with a square foot and head."""
+    """Build a round column with a square foot and head."""
     shaft = [(0.24, 0.1), (0.24, 0.18), (0.19, 0.22), (0.16, height - 0.25), (0.24, height - 0.12)]
     slabs = [box((-0.27, -0.27, z), (0.27, 0.27, z + 0.12)) for z in (0.0, height - 0.12)]
     return join([lathe(shaft, 32), *slabs])
@@ -53,7 +53,9 @@ def manylights(
     lights = {}
     for i, (y, x) in enumerate((y, x) for y in ys for x in xs):
         colour = radiance * np.geomspace(1 / 3, 2, 6)[rng.integers(6)] * tints[i % 4]
-        lights[f"light{i:02d}"] = panel((x, y, top - 0.01), (x, y, 0), light_size, light_size, colour.tolist())
+        lights[f"light{i:02d}"] = panel(
+            (x, y, top - 0.01), (x, y, 0), light_size, light_size, colour.tolist()
+        )
     pillars = [move(_column(top), (x, y, 0)) for y in (0.0, 2.0, 4.0, 6.0) for x in (-1.3, 1.3)]
     walls = [
         box((-3.2, -7, 0), (-3, 9, top)),

@@ -14,7 +14,7 @@ __all__ = ["meshlight", "spheres"]
 
 
 def spheres(
-    light_radius: float = 0.17, radiance: float = 14.0, width: int = 480, height: int = 270, spp: int = 64
+    light_radius: float = 0.17, radiance: float = 22.0, width: int = 480, height: int = 270, spp: int = 64
 ) -> dict[str, Any]:
     """Set three glowing globes among pawns, a vase and balls: sphere lights close to what they light.
 
@@ -28,7 +28,7 @@ def spheres(
         Film size in pixels, and samples a pixel.
     """
     positive(light_radius=light_radius, radiance=radiance)
-    places = ((-0.55, 0.15, 1.05), (1.25, -0.25, 0.80), (0.35, 1.50, 1.35))
+    places = ((-0.55, 0.15, 1.05), (1.25, -0.25, 0.80), (0.35, 1.50, 1.0))
     colours = ((1.0, 0.72, 0.40), (0.40, 0.66, 1.0), (1.0, 0.46, 0.38))
     globes = {}
     for i, (place, colour, scale) in enumerate(zip(places, colours, (1.0, 0.8, 1.1), strict=True)):
@@ -47,14 +47,16 @@ def spheres(
         floor=floor(checker((0.34, 0.30, 0.27), (0.70, 0.66, 0.60), 30), 12.0),
         white=to_mitsuba(join(white), matte((0.78, 0.72, 0.60)), smooth=True, name="white"),
         black=to_mitsuba(join(black), matte((0.20, 0.16, 0.15)), smooth=True, name="black"),
-        vase=to_mitsuba(move(vase(), (0.35, 0.75, 0), 0.9), matte((0.25, 0.50, 0.48)), smooth=True, name="vase"),
+        vase=to_mitsuba(
+            move(vase(), (0.35, 0.75, 0), 0.9), matte((0.25, 0.50, 0.48)), smooth=True, name="vase"
+        ),
         ball=ball((-0.55, -0.75, 0.26), 0.26, matte((0.72, 0.20, 0.16))),
         **globes,
     )
 
 
 def _knot(points: int, segments: int) -> Triangles:
-    """A trefoil knot of height 1 about the origin, its axis along y."""
+    """Build a trefoil knot of height 1 about the origin, its axis along y."""
     t = 2 * np.pi * np.arange(points) / points
     r = 0.34 + 0.13 * np.cos(3 * t)
     path = np.stack([r * np.cos(2 * t), 0.15 * np.sin(3 * t), r * np.sin(2 * t)], -1)
@@ -64,12 +66,12 @@ def _knot(points: int, segments: int) -> Triangles:
 def meshlight(
     points: int = 120,
     segments: int = 8,
-    radiance: float = 7.0,
+    radiance: float = 18.0,
     width: int = 480,
     height: int = 270,
     spp: int = 64,
 ) -> dict[str, Any]:
-    """Let a mannequin hold up a glowing trefoil knot: a light of some two thousand triangles.
+    """Greet a glowing trefoil knot, a light of some two thousand triangles.
 
     The light shadows itself, and its triangles face every way: most cannot reach a given point.
 
@@ -85,14 +87,14 @@ def meshlight(
     count(8, points=points)
     count(3, segments=segments)
     positive(radiance=radiance)
-    knot = move(_knot(points, segments), (0.30, -0.55, 1.75), 1.0)
-    wood, joints = (move(p, (-0.45, 0.1, 0), turn=0.7) for p in mannequin())
+    knot = move(_knot(points, segments), (0.85, -0.15, 1.02), 1.1)
+    wood, joints = (move(p, (-0.65, 0.15, 0), turn=0.9) for p in mannequin())
     glow = {"type": "area", "radiance": rgb((radiance, 0.78 * radiance, 0.48 * radiance))}
-    pawns = [move(pawn(), p, 0.6) for p in ((0.75, -0.9, 0), (1.2, 0.2, 0), (-1.3, -0.9, 0))]
+    pawns = [move(pawn(), p, 0.6) for p in ((0.15, -0.75, 0), (1.9, 0.1, 0), (1.1, 1.0, 0), (-1.5, -0.35, 0))]
     return stage(
-        origin=(0.4, -5.6, 2.4),
-        target=(0.1, 0, 0.95),
-        fov=42,
+        origin=(0.2, -5.0, 2.9),
+        target=(0.15, 0.1, 0.78),
+        fov=43,
         width=width,
         height=height,
         spp=spp,

@@ -43,7 +43,7 @@ EMISSION = (18.4, 14.0, 6.8)
 
 
 def _ceiling() -> list[tuple[tuple[float, float, float], ...]]:
-    """The ceiling around the opening that holds the light: four quadrilaterals."""
+    """Build the ceiling around the opening that holds the light: four quadrilaterals."""
     (x1, y, z0), _, (x0, _, z1), _ = LIGHT
     right, left, back = 0.0, 556.0, 559.2
     return [

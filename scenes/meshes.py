@@ -33,7 +33,10 @@ def join(parts: Sequence[Triangles]) -> Triangles:
 
 
 def move(
-    part: Triangles, offset: Sequence[float] = (0, 0, 0), scale: float | Sequence[float] = 1.0, turn: float = 0.0
+    part: Triangles,
+    offset: Sequence[float] = (0, 0, 0),
+    scale: float | Sequence[float] = 1.0,
+    turn: float = 0.0,
 ) -> Triangles:
     """Return the triangles scaled, then turned by `turn` radians about z, then moved by `offset`."""
     c, s = np.cos(turn), np.sin(turn)
@@ -42,7 +45,7 @@ def move(
 
 
 def _grid_faces(rows: int, columns: int, wrap_rows: bool, wrap_columns: bool) -> np.ndarray:
-    """Two triangles for each cell of a (rows, columns) lattice of vertices."""
+    """List two triangles for each cell of a (rows, columns) lattice of vertices."""
     i, j = np.meshgrid(
         np.arange(rows - (not wrap_rows)), np.arange(columns - (not wrap_columns)), indexing="ij"
     )
@@ -63,7 +66,9 @@ def lathe(profile: Sequence[Sequence[float]], segments: int = 48) -> Triangles:
     """
     r, z = np.asarray(profile, float).T
     phi = 2 * np.pi * np.arange(segments) / segments
-    ring = np.stack([np.outer(r, np.cos(phi)), np.outer(r, np.sin(phi)), np.repeat(z[:, None], segments, 1)], -1)
+    ring = np.stack(
+        [np.outer(r, np.cos(phi)), np.outer(r, np.sin(phi)), np.repeat(z[:, None], segments, 1)], -1
+    )
     part = Triangles(ring.reshape(-1, 3), _grid_faces(len(r), segments, False, True))
     return _without_slivers(part)
 
@@ -91,7 +96,11 @@ def blob(radius: float, bumps: Callable[[np.ndarray], np.ndarray], segments: int
 
 
 def limb(
-    start: Sequence[float], end: Sequence[float], radii: tuple[float, float], bulge: float = 0.0, segments: int = 24
+    start: Sequence[float],
+    end: Sequence[float],
+    radii: tuple[float, float],
+    bulge: float = 0.0,
+    segments: int = 24,
 ) -> Triangles:
     """Return a rounded, tapering limb between two points, thicker by `bulge` in its middle."""
     start, end = np.asarray(start, float), np.asarray(end, float)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import numbers
 from collections.abc import Sequence
 from typing import Any
 
@@ -22,14 +23,14 @@ def require_variant() -> None:
 def positive(**values: float) -> None:
     """Raise InputError unless every value is a finite number above zero."""
     for name, value in values.items():
-        if not (isinstance(value, (int, float)) and math.isfinite(value) and value > 0):
+        if not (isinstance(value, numbers.Real) and math.isfinite(value) and value > 0):
             raise InputError(f"'{name}' must be > 0 (got {value!r})")
 
 
 def count(minimum: int = 1, **values: int) -> None:
     """Raise InputError unless every value is an integer of at least `minimum`."""
     for name, value in values.items():
-        if isinstance(value, bool) or not isinstance(value, int) or value < minimum:
+        if isinstance(value, bool) or not isinstance(value, numbers.Integral) or value < minimum:
             raise InputError(f"'{name}' must be an integer >= {minimum} (got {value!r})")
 
 
@@ -109,7 +110,7 @@ def _cross(a: Sequence[float], b: Sequence[float]) -> tuple[float, float, float]
 
 def rgb(value: float | Sequence[float]) -> dict[str, Any]:
     """Return a colour (one number is a grey) as a Mitsuba spectrum dict."""
-    return {"type": "rgb", "value": [float(value)] * 3 if isinstance(value, (int, float)) else list(value)}
+    return {"type": "rgb", "value": [float(value)] * 3 if isinstance(value, numbers.Real) else list(value)}
 
 
 def matte(colour: float | Sequence[float], two_sided: bool = True) -> dict[str, Any]:

@@ -14,7 +14,7 @@ __all__ = ["fence"]
 
 
 def _fence(pickets: int, period: float, height: float) -> Triangles:
-    """Pointed pickets along x at y = 0, on two rails."""
+    """Build pointed pickets along x at y = 0, on two rails."""
     half = 0.29 * period
     outline = [(-half, 0.05), (half, 0.05), (half, height - 0.12), (0, height), (-half, height - 0.12)]
     picket = prism(outline, 0.025)
@@ -25,10 +25,10 @@ def _fence(pickets: int, period: float, height: float) -> Triangles:
 
 
 def fence(
-    pickets: int = 34,
-    period: float = 0.2,
-    light_size: float = 1.6,
-    radiance: float = 60.0,
+    pickets: int = 27,
+    period: float = 0.25,
+    light_size: float = 1.2,
+    radiance: float = 54.0,
     width: int = 480,
     height: int = 270,
     spp: int = 64,
@@ -52,17 +52,17 @@ def fence(
     """
     count(pickets=pickets)
     positive(period=period, light_size=light_size, radiance=radiance)
-    wood, joints = (move(p, (-0.1, 0.62, 0), turn=0.5) for p in mannequin())
+    wood, joints = (move(p, (0.0, 0.6, 0), turn=0.7) for p in mannequin())
     return stage(
-        origin=(4.4, 2.4, 2.3),
-        target=(-0.35, 0.55, 0.72),
+        origin=(4.4, -1.7, 3.2),
+        target=(0.15, 0.5, 0.75),
         fov=42,
         width=width,
         height=height,
         spp=spp,
         floor=floor(matte((0.46, 0.58, 0.36))),
-        fence=to_mitsuba(_fence(pickets, period, 1.15), matte((0.85, 0.84, 0.80)), name="fence"),
+        fence=to_mitsuba(_fence(pickets, period, 0.95), matte((0.85, 0.84, 0.80)), name="fence"),
         figure=to_mitsuba(wood, matte((0.76, 0.56, 0.34)), smooth=True, name="figure"),
         joints=to_mitsuba(joints, matte((0.42, 0.26, 0.14)), smooth=True, name="joints"),
-        light=panel((2.6, -3.2, 3.1), (-0.1, 0.6, 0.8), light_size, light_size, radiance),
+        light=panel((0.2, -3.6, 2.4), (0.1, 0.7, 0.6), light_size, light_size, radiance),
     )

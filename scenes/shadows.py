@@ -43,16 +43,18 @@ def openfloor(
 
 
 def _bumps(d: np.ndarray) -> np.ndarray:
-    """Low, smooth hills on the unit sphere."""
+    """Raise low, smooth hills on the unit sphere."""
     x, y, z = d.T
-    return 0.13 * np.sin(3.1 * x + 0.7) * np.cos(2.3 * y - 0.4) + 0.09 * np.sin(4.2 * z + 2 * x) * np.cos(3 * y)
+    return 0.13 * np.sin(3.1 * x + 0.7) * np.cos(2.3 * y - 0.4) + 0.09 * np.sin(4.2 * z + 2 * x) * np.cos(
+        3 * y
+    )
 
 
 def penumbra(
     light_size: float = 1.5,
-    blob_radius: float = 0.62,
-    blob_height: float = 0.95,
-    radiance: float = 12.0,
+    blob_radius: float = 0.58,
+    blob_height: float = 1.05,
+    radiance: float = 14.0,
     width: int = 480,
     height: int = 270,
     spp: int = 64,
@@ -64,7 +66,7 @@ def penumbra(
     Parameters
     ----------
     light_size : float
-        Side of the square light, 3.2 units above the floor.
+        Side of the square light, 3 units above the floor.
     blob_radius, blob_height : float
         Mean radius of the blob, and height of its centre above the floor.
     radiance : float
@@ -76,20 +78,20 @@ def penumbra(
     shape = blob(blob_radius, _bumps)
     shape = shape._replace(vertices=shape.vertices + [0, 0, blob_height])
     return stage(
-        origin=(0, -5.0, 3.4),
-        target=(0.3, 0.3, 0.25),
-        fov=37,
+        origin=(0, -5.0, 3.7),
+        target=(0.35, 0.2, 0.4),
+        fov=38,
         width=width,
         height=height,
         spp=spp,
         floor=floor(matte((0.72, 0.70, 0.66))),
-        blob=to_mitsuba(shape, matte((0.75, 0.32, 0.20)), smooth=True, name="blob"),
-        light=panel((-1.2, -1.0, 3.2), (0, 0, 0.3), light_size, light_size, radiance),
+        blob=to_mitsuba(shape, matte((0.66, 0.26, 0.16)), smooth=True, name="blob"),
+        light=panel((-1.0, -0.9, 3.0), (0, 0, 0), light_size, light_size, radiance),
     )
 
 
 def smalllight(
-    light_size: float = 0.15, radiance: float = 25000.0, width: int = 480, height: int = 270, spp: int = 64
+    light_size: float = 0.15, radiance: float = 40000.0, width: int = 480, height: int = 270, spp: int = 64
 ) -> dict[str, Any]:
     """Light pawns on a board from a tiny, distant square: shadows that are hard almost everywhere.
 
@@ -105,7 +107,10 @@ def smalllight(
         Film size in pixels, and samples a pixel.
     """
     positive(light_size=light_size, radiance=radiance)
-    light, dark = ((-1.5, -0.5), (-0.5, 0.5), (0.5, -0.5), (1.5, 1.5)), ((-1.5, 1.5), (0.5, 1.5), (1.5, 0.5), (-0.5, 2.5))
+    light, dark = (
+        ((-1.5, -0.5), (-0.5, 0.5), (0.5, -0.5), (1.5, 1.5)),
+        ((-1.5, 1.5), (0.5, 1.5), (1.5, 0.5), (-0.5, 2.5)),
+    )
     pawns = [join([move(pawn(), (x, y, 0)) for x, y in side]) for side in (light, dark)]
     return stage(
         origin=(-0.6, -5.6, 3.6),
