@@ -60,9 +60,9 @@ def grating(
 
 
 def wires(
-    wires: int = 7,
-    thinnest: float = 0.0007,
-    thickest: float = 0.004,
+    strands: int = 7,
+    thinnest: float = 0.0006,
+    thickest: float = 0.0026,
     light_size: float = 1.5,
     radiance: float = 14.0,
     width: int = 480,
@@ -76,7 +76,7 @@ def wires(
 
     Parameters
     ----------
-    wires : int
+    strands : int
         Number of wires, strung along x between two posts half-way up to the light.
     thinnest, thickest : float
         Radii of the first and the last wire.
@@ -87,11 +87,11 @@ def wires(
     width, height, spp : int
         Film size in pixels, and samples a pixel.
     """
-    count(wires=wires)
+    count(strands=strands)
     positive(thinnest=thinnest, thickest=thickest, light_size=light_size, radiance=radiance)
     span, up = 2.3, 1.5
-    ys = np.linspace(-0.7, 1.3, wires)
-    radii = np.geomspace(thinnest, thickest, wires)
+    ys = np.linspace(-0.7, 1.3, strands)
+    radii = np.geomspace(thinnest, thickest, strands)
     strung = [rod((-span, y, up), (span, y, up), r, 8) for y, r in zip(ys, radii, strict=True)]
     # Each post carries a cross-arm that the wires end in.
     frame = []

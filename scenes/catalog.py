@@ -108,6 +108,7 @@ def _find(name: str) -> Callable[..., dict[str, Any]]:
 
 
 def _closest(word: str, known: Iterable[str]) -> str:
-    """Suggest the nearest of the known words, and list them all."""
+    """Name the nearest of the known words, if one is near, and list them all."""
     near = difflib.get_close_matches(str(word), known, 1, 0.5)
-    return (f": did you mean '{near[0]}'?" if near else ":") + f" It can be one of {', '.join(known)}"
+    hint = f" (did you mean '{near[0]}'?)" if near else ""
+    return f"{hint}: choose one of {', '.join(known)}"

@@ -59,7 +59,7 @@ def stage(
     spp : int
         Samples a pixel of the sensor's (independent) sampler.
     **contents
-        Shapes, emitters and materials, by name.
+        Shapes and lights, by name.
 
     Returns
     -------
@@ -90,6 +90,11 @@ def stage(
         },
         "sampler": {"type": "independent", "sample_count": spp},
     }
+    # Mitsuba puts the emitters of a dict in a new order each time, but keeps the order of objects: with
+    # several lights only those make the same picture from the same seed.
+    lights = [key for key, value in contents.items() if isinstance(value, dict) and "emitter" in value]
+    if len(lights) > 1:
+        contents |= {key: mi.load_dict({**contents[key], "id": key}) for key in lights}
     return {"type": "scene", "sensor": sensor, **contents}
 
 
