@@ -12,7 +12,7 @@ from ..errors import InputError
 from ..visibility import VisibilityClass
 from .cells import window_sum
 
-BATCH = 1 << 20  # most pixels a launch
+BATCH = 1 << 22  # most hits a launch
 
 
 class Clock:
@@ -39,25 +39,30 @@ def refuse_gradients(scene) -> None:
 
 
 def batches(decision, group):
-    """Yield index lists of the pixels in a group, alike ones together so that lanes of a packet end together."""
-    index = dr.compress(group & (decision.hits > 0))
-    if not dr.width(index):
-        return
-    hits = np.array(dr.gather(mi.UInt32, decision.hits, index))
-    rays = np.array(dr.gather(mi.UInt32, decision.rays, index))
-    key = (16 * np.log2(hits).astype(np.int16) + np.log2(np.maximum(rays, 1)).astype(np.int16)).astype(np.int16)
-    order = np.array(index)[np.argsort(-key, kind="stable")]
-    for start in range(0, len(order), BATCH):
-        yield mi.UInt32(order[start : start + BATCH])
+    """Yield the hits to render of the pixels in a group: each hit's pixel, and its number in the pixel."""
+    hits = np.array(dr.select(group, decision.hits, 0))
+    pixel = np.flatnonzero(hits)
+    ends = np.cumsum(hits[pixel])
+    start = 0
+    while start < len(pixel):
+        # As many whole pixels as fit a launch
+        done = ends[start - 1] if start else 0
+        stop = max(int(np.searchsorted(ends, done + BATCH, side="right")), start + 1)
+        some = pixel[start:stop].astype(np.uint32)
+        index = np.repeat(some, hits[some])
+        first = np.repeat(ends[start:stop] - hits[some] - done, hits[some])
+        yield mi.UInt32(index), mi.UInt32((np.arange(len(index)) - first).astype(np.uint32))
+        start = stop
 
 
 class Totals:
     """Sums of a render, one entry a pixel, on their way to the film."""
 
-    def __init__(self, frame, film, pilot, decision):
+    def __init__(self, frame, film, pilot, decision, guided: bool):
         self.frame, self.film, self.pilot, self.decision = frame, film, pilot, decision
         zeros = lambda n: [dr.zeros(mi.Float, frame.pixels) for _ in range(n)]  # noqa: E731
         self.first, self.second, self.bright, self.straight, self.alpha = zeros(3), zeros(3), zeros(3), zeros(3), zeros(1)
+        self.guided, self.alpha_wanted = guided, bool(mi.has_flag(film.flags(), mi.FilmFlags.Alpha))
         self.traced, self.reflected = (dr.zeros(mi.UInt32, frame.pixels) for _ in range(2))
         self.plain = film.rfilter().is_box_filter() and not mi.has_flag(film.flags(), mi.FilmFlags.Special)
         self.block = None if self.plain else film.create_block()
@@ -65,31 +70,37 @@ class Totals:
             self.block.set_coalesce(False)
             value, _ = self._pilot()
             weight = decision.pilot_weight
-            position = mi.Point2f(pilot.position)
-            self.block.put(position, self._channels(value, pilot.alpha, weight, position))
+            self.block.put(mi.Point2f(pilot.position), self._channels(value, pilot.alpha, weight))
 
-    def _channels(self, colour, alpha, weight, position):
+    def _channels(self, colour, alpha, weight):
         # Unequal counts must not pull the filter towards busy pixels: each hit weighs one over its pixel's number
         out = [colour.x * weight, colour.y * weight, colour.z * weight]
-        if mi.has_flag(self.film.flags(), mi.FilmFlags.Alpha):
+        if self.alpha_wanted:
             out.append(alpha * weight)
         return out + [weight] + [mi.Float(0)] * (self.block.channel_count() - len(out) - 1)
 
-    def splatting(self):
-        """Block and channel function for hits that spread over several pixels; ``None`` for a box filter."""
-        return (None, None) if self.block is None else (self.block, self._channels)
+    def add(self, index, s, hits) -> None:
+        """Add hits to their pixels."""
+        colour, bright, straight, hit, position, traced, reflected = hits
+        early = s < (dr.gather(mi.UInt32, self.decision.hits, index) >> 1)
 
-    def add(self, index, sums) -> None:
-        """Store the sums of the listed pixels."""
-        first, second, bright, straight, alpha, traced, reflected = sums
-        for target, source in zip(
-            (self.first, self.second, self.bright, self.straight), (first, second, bright, straight), strict=True
-        ):
-            for i in range(3):
-                dr.scatter(target[i], source[i], index)
-        dr.scatter(self.alpha[0], alpha, index)
-        dr.scatter(self.traced, traced, index)
-        dr.scatter(self.reflected, reflected, index)
+        def add(targets, values, active=True):
+            for target, value in zip(targets, values, strict=True):
+                dr.scatter_reduce(dr.ReduceOp.Add, target, value, index, active, dr.ReduceMode.Local)
+
+        add(self.first, colour, early)
+        add(self.second, colour, ~early)
+        add([self.traced], [traced])
+        add([self.reflected], [reflected])
+        if self.guided:
+            add(self.bright, bright)
+            add(self.straight, straight)
+        if self.alpha_wanted:
+            add(self.alpha, [hit])
+        if self.block is not None:
+            share = 1 - dr.gather(mi.Float, self.decision.pilot_weight, index)
+            share /= mi.Float(dr.gather(mi.UInt32, self.decision.hits, index))
+            self.block.put(position, self._channels(colour, hit, share))
         extra = [self.block.tensor()] if self.block is not None else []
         dr.eval(self.first, self.second, self.bright, self.straight, self.alpha, self.traced, self.reflected, *extra)
 
@@ -151,7 +162,7 @@ class Totals:
         if self.block is None:
             block = self.film.create_block()
             columns = list(image)
-            if mi.has_flag(self.film.flags(), mi.FilmFlags.Alpha):
+            if self.alpha_wanted:
                 columns.append(self.mix(self.pilot.alpha, self.alpha[0]))
             columns += [mi.Float(1)] + layers
             block = self._filled(block, columns)
@@ -185,7 +196,7 @@ class Totals:
         tensor = mi.TensorXf(data, dr.shape(block.tensor()))
         return mi.ImageBlock(tensor, block.offset(), block.rfilter(), block.has_border())
 
-    def account(self, shading, max_rays: int):
+    def account(self, shading, named: bool):
         """Rays traced by kind, rays not traced by reason, and pixels by class."""
         total = lambda x: int(np.sum(np.array(x, dtype=np.int64)))  # noqa: E731
         d = self.decision
@@ -203,5 +214,10 @@ class Totals:
             "pixels that missed": int(np.sum(missed & (hits == 0))),
             "pixels converged": int(np.sum(~missed & (hits == 0))),
         }
-        classes = {c.name.lower(): int(np.sum(label == int(c))) for c in VisibilityClass}
+        if named:
+            classes = {c.name.lower(): int(np.sum(label == int(c))) for c in VisibilityClass}
+        else:
+            full = int(np.sum(label == int(VisibilityClass.FULLY_VISIBLE)))
+            none = int(np.sum(label == int(VisibilityClass.INVISIBLE)))
+            classes = {"fully_visible": full, "invisible": none, "partial": self.frame.pixels - full - none}
         return rays, skipped, {k: v for k, v in classes.items() if v}

@@ -11,6 +11,7 @@ from ..visibility import VisibilityClass, classify_grid
 
 from . import cells
 
+PILOT = 2.5  # how much more one full hit is worth than the pilot's
 EXPONENT = 0.7  # hits ∝ (expected relative error)^EXPONENT: below Neyman's 1, as errors fall faster than N^-1/2
 PRIOR = 0.01  # doubt about a cell that looked decided: share of the light that the pilots may have missed
 HIT_COST = 2.0  # cost of a camera hit in shadow rays
@@ -34,7 +35,7 @@ class Decision:
     pilot_weight: object = None  # mi.Float, weight of the pilot's own estimate
 
 
-def decide(pilot, frame, classifier: str, grid: int, refinement: bool) -> Decision:
+def decide(pilot, frame, classifier: str, grid: int, named: bool, refinement: bool) -> Decision:
     """Classify each pixel's light from its neighbours' pilots, and predict the error of one more hit.
 
     Parameters
@@ -45,6 +46,8 @@ def decide(pilot, frame, classifier: str, grid: int, refinement: bool) -> Decisi
         ``mlp``, ``svm`` or ``threshold``.
     grid : int
         Light cells along each side, at most 4.
+    named : bool
+        Tell the partial configurations apart.
     refinement : bool
         Mark pixels whose light cells disagree for refinement.
 
@@ -67,7 +70,8 @@ def decide(pilot, frame, classifier: str, grid: int, refinement: bool) -> Decisi
         v, n = mi.Float(cells.read(near_seen, c)), mi.Float(cells.read(near_tried, c))
         fractions.append(dr.select(n > 0, v / dr.maximum(n, 1), mean))
 
-    label = classify_grid(fractions, classifier)
+    # The seven configurations are told apart only where somebody looks at them
+    label = classify_grid(fractions, classifier) if named else mi.UInt32(int(VisibilityClass.PARTIAL_SOLID))
     full = mean >= 1
     hidden = (mean <= 0) & (total_tried > 0)
     # The counts are certain about these two; the classifier tells the others apart
@@ -126,5 +130,4 @@ def allocate(decision, frame, seed, budget: float, max_rays: int, pilot_rays: in
     hits = dr.select(jitter * (high - low) < wanted - low, high, low)
     decision.hits = mi.UInt32(dr.minimum(hits, dr.select(most >= 1, dr.exp2(dr.floor(dr.log2(dr.maximum(most, 1)))), 0)))
     # The pilot is one hit of few rays without guidance; its weight may not depend on its own outcome
-    ratio = mi.Float(decision.hits) * mi.Float(decision.rays) / mi.Float(max(pilot_rays, 1))
-    decision.pilot_weight = dr.select(decision.hits == 0, 1, dr.rcp(1 + dr.power(ratio, 1.3) * 2))
+    decision.pilot_weight = dr.select(decision.hits == 0, 1, dr.rcp(1 + PILOT * dr.power(mi.Float(decision.hits), 1.3)))

@@ -175,67 +175,69 @@ def pilot(shading: Shading, frame: Frame, seed, rays: int) -> Pilot:
 
 
 @dr.syntax
-def spend(shading: Shading, frame: Frame, seed, index, decision, refine: bool, block=None, channels=None):
-    """Add each listed pixel's hits.
+def spend(shading: Shading, frame: Frame, seed, index, s, decision, refine: bool):
+    """Render one more hit a lane.
+
+    Parameters
+    ----------
+    shading : Shading
+    frame : Frame
+    seed, index, s : mi.UInt32
+        Render seed; each lane's pixel, and which of the pixel's hits it is. Lanes of one pixel lie side by side, so that
+        a packet's rays start close together.
+    decision : Decision
+    refine : bool
+        Visit undecided light cells more often.
 
     Returns
     -------
-    first, second : mi.Color3f
-        Sums over the first and the second half of a pixel's hits.
-    bright, straight : mi.Color3f
-        Sums of unshadowed and of emitted (or otherwise not re-weighable) light.
-    alpha : mi.Float
+    colour, bright, straight : mi.Color3f
+        Light at the hit; what it would be without shadows; the part that shadows cannot change.
+    hit : mi.Float
+        1 where a surface was hit.
+    position : mi.Point2f
+        Film position.
     traced, reflected : mi.UInt32
         Shadow rays and BSDF rays.
     """
     keys = scramble(index, seed, 1)
-    corner = frame.corner(index)
-    guess = dr.gather(mi.UInt64, decision.guess, index)
-    mask = dr.gather(mi.UInt32, decision.mask, index)
     mean = dr.gather(mi.Float, decision.mean, index)
     if dr.hint(not shading.closed, mode="scalar"):
         # Without a closed form the control pays only where it is likely to be exact
         mean = dr.select(mean >= 1, mi.Float(1), mi.Float(0))
     rays = dr.gather(mi.UInt32, decision.rays, index)
-    hits = dr.gather(mi.UInt32, decision.hits, index)
-    share = dr.gather(mi.Float, decision.pilot_weight, index)
-    share = (1 - share) / mi.Float(dr.maximum(hits, 1))
+    guess, mask = mi.UInt64(0), mi.UInt32(0)
+    if dr.hint(refine, mode="scalar"):
+        guess, mask = dr.gather(mi.UInt64, decision.guess, index), dr.gather(mi.UInt32, decision.mask, index)
     seen = [dr.gather(mi.UInt64, w, index) for w in decision.light_seen]
     tried = [dr.gather(mi.UInt64, w, index) for w in decision.light_tried]
     trust = _trusting(shading, seen, tried)
-    half = hits >> 1
-    first, second, bright, straight = mi.Color3f(0), mi.Color3f(0), mi.Color3f(0), mi.Color3f(0)
-    alpha, traced, reflected = mi.Float(0), mi.UInt32(0), mi.UInt32(0)
-    s = mi.UInt32(0)
-    while s < hits:
-        ray, si, emission, weight, position = first_hit(shading, frame, corner, s, keys)
-        surface = Surface(shading, si, si.is_valid(), rays)
-        value, full, n, total = mi.Spectrum(0), mi.Spectrum(0), mi.UInt32(0), mi.Float(0)
-        if dr.hint(shading.lights.count == 0, mode="scalar"):
-            n = mi.UInt32(0)
-        elif dr.hint(shading.closed, mode="scalar"):
-            value, full, n = rectangle_light(surface, guess, mask, mean, rays, s, keys[8], keys[9], refine)
-        elif dr.hint(shading.lights.count == 1, mode="scalar"):
-            value, full, n = single_light(surface, guess, mask, mean, rays, s, keys[8], keys[9], refine)
-        else:
-            value, full, n, total = several_lights(surface, trust, rays, s, [keys[8], keys[9], keys[6], keys[7]])
-        if dr.hint(shading.lights.count > 0 and not shading.lambert, mode="scalar"):
-            extra, m = _reflected(shading, surface, s, keys, rays, trust, total)
-            value += extra
-            full += extra
-            reflected += m
-        if dr.hint(shading.depth != 2, mode="scalar"):
-            emission += indirect(shading, si, seed, index, s, mi.UInt32(1))
-        lam = ray.wavelengths
-        colour = to_rgb((value + emission) * weight, lam)
-        first += dr.select(s < half, colour, 0)
-        second += dr.select(s < half, 0, colour)
-        bright += to_rgb(full * weight, lam)
-        straight += to_rgb(emission * weight, lam)
-        hit = dr.select(si.is_valid(), mi.Float(1), mi.Float(0))
-        alpha += hit
-        traced += n
-        if dr.hint(block is not None, mode="scalar"):
-            block.put(position, channels(colour, hit, share, position))
-        s += 1
-    return first, second, bright, straight, alpha, traced, reflected
+
+    ray, si, emission, weight, position = first_hit(shading, frame, frame.corner(index), s, keys)
+    surface = Surface(shading, si, si.is_valid(), rays)
+    value, full, traced, total = mi.Spectrum(0), mi.Spectrum(0), mi.UInt32(0), mi.Float(0)
+    if dr.hint(shading.lights.count == 0, mode="scalar"):
+        traced = mi.UInt32(0)
+    elif dr.hint(shading.closed, mode="scalar"):
+        value, full, traced = rectangle_light(surface, guess, mask, mean, rays, s, keys[8], keys[9], refine)
+    elif dr.hint(shading.lights.count == 1, mode="scalar"):
+        value, full, traced = single_light(surface, guess, mask, mean, rays, s, keys[8], keys[9], refine)
+    else:
+        value, full, traced, total = several_lights(surface, trust, rays, s, [keys[8], keys[9], keys[6], keys[7]])
+    reflected = mi.UInt32(0)
+    if dr.hint(shading.lights.count > 0 and not shading.lambert, mode="scalar"):
+        extra, reflected = _reflected(shading, surface, s, keys, rays, trust, total)
+        value += extra
+        full += extra
+    if dr.hint(shading.depth != 2, mode="scalar"):
+        emission += indirect(shading, si, seed, index, s, mi.UInt32(1))
+    lam = ray.wavelengths
+    return (
+        to_rgb((value + emission) * weight, lam),
+        to_rgb(full * weight, lam),
+        to_rgb(emission * weight, lam),
+        dr.select(si.is_valid(), mi.Float(1), mi.Float(0)),
+        position,
+        traced,
+        reflected,
+    )

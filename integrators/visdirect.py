@@ -119,7 +119,7 @@ def define(base):
             clock.lap("pilot")
 
             # Decide
-            decision = decide(look, frame, self.classifier, self.grid, self.refine and shading.lambert)
+            decision = decide(look, frame, self.classifier, self.grid, self.aovs, self.refine and shading.lambert)
             dr.eval(vars(decision))
             budget = frame.pixels * max(2 * spp - 1 - pilot_rays, 0) if shading.lights.count else 0
             allocate(decision, frame, seed, budget, self.max_rays, pilot_rays, self.threshold)
@@ -127,11 +127,10 @@ def define(base):
             clock.lap("classification")
 
             # Spend
-            total = assemble.Totals(frame, film, look, decision)
-            for refine in (False, True):
-                for index in assemble.batches(decision, decision.refine == refine):
-                    block, channels = total.splatting()
-                    total.add(index, passes.spend(shading, frame, seed, index, decision, refine, block, channels))
+            total = assemble.Totals(frame, film, look, decision, self.mode == "consistent")
+            for refine in (False, True) if self.refine else (False,):
+                for index, s in assemble.batches(decision, decision.refine == refine):
+                    total.add(index, s, passes.spend(shading, frame, seed, index, s, decision, refine))
             clock.lap("refinement")
 
             image, error = total.image(), total.error()
@@ -147,7 +146,7 @@ def define(base):
             return result
 
         def _account(self, total, shading, clock, begin, image, error):
-            rays, skipped, classes = total.account(shading, self.max_rays)
+            rays, skipped, classes = total.account(shading, self.aovs)
             return Report(
                 wall_s=time.perf_counter() - begin,
                 phases=clock.phases,
