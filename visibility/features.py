@@ -121,9 +121,12 @@ def co_occurrence(fractions, positions, levels: int = 4) -> tuple[np.ndarray, np
     """
     f = np.asarray(fractions, np.float32)
     valid = ~np.isnan(f)
-    onehot = ((quantize(f, levels)[..., None] == np.arange(levels)) & valid[..., None]).astype(np.int64)
-    near = neighbors(positions, None if valid.all() else valid).astype(np.int64)
-    return onehot.sum(-2), np.einsum("...ig,...ij,...jh->...gh", onehot, near, onehot, optimize=True)
+    near = neighbors(positions, None if valid.all() else valid)
+
+    # Counts as products of 0/1 matrices: exact in float32 up to 2²⁴
+    onehot = ((quantize(f, levels)[..., None] == np.arange(levels)) & valid[..., None]).astype(np.float32)
+    matrix = np.swapaxes(onehot, -1, -2) @ (near.astype(np.float32) @ onehot)
+    return onehot.sum(-2).astype(np.int64), matrix.astype(np.int64)
 
 
 def features(fractions, positions, levels: int = 4) -> np.ndarray:

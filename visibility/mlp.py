@@ -33,7 +33,7 @@ class MLP:
         return argmax(affine(w["w2"], w["b2"], hidden))
 
     @classmethod
-    def train(cls, features: np.ndarray, labels: np.ndarray, seed: int, epochs: int = 60, batch: int = 256) -> MLP:
+    def train(cls, features: np.ndarray, labels: np.ndarray, seed: int, epochs: int = 100, batch: int = 256) -> MLP:
         """Train by Adam on the cross-entropy, reproducibly from ``seed``.
 
         Parameters

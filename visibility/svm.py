@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import drjit as dr
 import numpy as np
-from scipy.optimize import minimize
 
 from .classes import VisibilityClass
 from .mlp import affine, argmax
@@ -33,31 +31,47 @@ class SVM:
         return argmax(affine(self.weights["w"], self.weights["b"], features + products))
 
     @classmethod
-    def train(cls, features: np.ndarray, labels: np.ndarray, seed: int = 0, c: float = 30.0) -> SVM:
-        """Minimise the squared hinge loss with L-BFGS; convex, so the seed does not matter.
+    def train(cls, features: np.ndarray, labels: np.ndarray, seed: int = 0, c: float = 1e6) -> SVM:
+        """Minimise ‖w‖²/2 + c × (mean squared hinge loss) of each class against the rest, to the minimum.
 
         Parameters
         ----------
         features : ndarray, shape (M, F), float32
         labels : ndarray, shape (M,), int
         seed : int
-            Unused; every classifier trains through the same call.
+            Unused, the problem is convex; every classifier trains through the same call.
         c : float
-            Weight of the mean loss against ‖w‖²/2.
+            Weight of the loss.
         """
+        # A third of the patterns gives the same accuracy, and the time is in this matrix
+        features, labels = features[::3], labels[::3]
         x = np.concatenate([expand(features), np.ones((len(features), 1))], 1).astype(np.float64)
+        w = np.array([_newton(x, np.where(labels == k, 1.0, -1.0), c) for k in range(len(VisibilityClass))])
+        return cls({"w": w[:, :-1].astype(np.float32), "b": w[:, -1].astype(np.float32)})
 
-        def loss(w, sign):
-            slack = np.maximum(1 - sign * (x @ w), 0)
-            value = 0.5 * w[:-1] @ w[:-1] + c * len(VisibilityClass) * np.mean(slack**2)
-            return value, np.append(w[:-1], 0) - 2 * c * len(VisibilityClass) / len(x) * ((slack * sign) @ x)
 
-        rows = []
-        for k in range(len(VisibilityClass)):
-            sign = np.where(labels == k, 1.0, -1.0)
-            rows.append(minimize(loss, np.zeros(x.shape[1]), (sign,), "L-BFGS-B", True, options={"maxiter": 300}).x)
-        w = np.array(rows, np.float32)
-        return cls({"w": w[:, :-1], "b": w[:, -1]})
+def _newton(x: np.ndarray, sign: np.ndarray, c: float, steps: int = 50) -> np.ndarray:
+    """Newton's method with step halving; the loss is quadratic wherever the set of margin errors stays the same."""
+    regular = np.append(np.ones(x.shape[1] - 1), 0)
+    scale = c / len(x)
+
+    def loss(w):
+        return 0.5 * w @ (regular * w) + 0.5 * scale * np.sum(np.maximum(1 - sign * (x @ w), 0) ** 2)
+
+    w = np.zeros(x.shape[1])
+    value = loss(w)
+    for _ in range(steps):
+        slack = 1 - sign * (x @ w)
+        wrong = slack > 0
+        gradient = regular * w - scale * ((slack * sign * wrong) @ x)
+        hessian = np.diag(regular + 1e-9) + scale * (x[wrong].T @ x[wrong])
+        move, length = np.linalg.solve(hessian, gradient), 1.0
+        while (trial := loss(w - length * move)) > value and length > 1e-6:
+            length /= 2
+        if value - trial <= 1e-7 * value:
+            break
+        w, value = w - length * move, trial
+    return w
 
 
 def expand(features: np.ndarray) -> np.ndarray:

@@ -10,7 +10,7 @@ import numpy as np
 from . import patterns, weights
 from .features import features, grid_positions
 
-COUNT = 28_000
+COUNT = 42_000
 
 
 def train(seed: int = 0, sizes=weights.SIZES, count: int = COUNT) -> dict[str, np.ndarray]:
@@ -41,8 +41,8 @@ def train(seed: int = 0, sizes=weights.SIZES, count: int = COUNT) -> dict[str, n
 
 def samples(count: int, seed: int, n: int = 4, levels: int = weights.LEVELS) -> tuple[np.ndarray, np.ndarray]:
     """Return features and labels of ``count`` training patterns: half exact, half measured by few rays."""
-    exact, first = patterns.generate(count // 2, 2 * seed, n, rays=None)
-    noisy, second = patterns.generate(count - count // 2, 2 * seed + 1, n)
+    exact, first = patterns.generate(count // 2, 2 * seed, n)
+    noisy, second = patterns.generate(count - count // 2, 2 * seed + 1, n, rays=(4, 8))
     return features(np.concatenate([exact, noisy]), grid_positions(n), levels), np.concatenate([first, second])
 
 

@@ -13,7 +13,7 @@ from .svm import SVM
 from .threshold import Threshold
 
 KINDS = {"mlp": MLP, "svm": SVM, "threshold": Threshold}
-SIZES = (4,)
+SIZES = (3, 4, 5, 6)
 """Grid sizes the classifiers were trained for; others use the nearest."""
 LEVELS = 4
 PATH = Path(__file__).with_name("weights.npz")
