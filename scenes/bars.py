@@ -62,7 +62,7 @@ def grating(
 def wires(
     strands: int = 7,
     thinnest: float = 0.0006,
-    thickest: float = 0.0026,
+    thickest: float = 0.0024,
     light_size: float = 1.5,
     radiance: float = 14.0,
     width: int = 480,
