@@ -10,7 +10,6 @@ import mitsuba as mi
 from . import cells
 from .bounce import indirect
 from .camera import Frame, scramble
-from .lights import importance
 from .points import net_1d, net_2d, shuffle
 from .shading import Shading, Surface, rectangle_light, several_lights, single_light
 
@@ -83,8 +82,7 @@ def _reflected(shading: Shading, surface: Surface, s, keys, rays, trust, total):
     chance = mi.Float(1)
     if shading.lights.count > 1:
         l = shading.lights.index(emitter)
-        n = surface.facing()
-        weight = importance(shading.lights, l, surface.si.p, n, surface.transmits) * trust(l)
+        weight = surface.importance(l) * trust(l)
         chance = dr.select(total > 0, weight / total, 0)
     # Balance heuristic, the other side of Surface.integrand
     other = mi.Float(rays) * chance * density
@@ -107,9 +105,9 @@ def pilot(shading: Shading, frame: Frame, seed, rays: int) -> Pilot:
     total, chance, l = mi.Float(0), mi.Float(1), mi.UInt32(0)
     several = lights.count > 1
     if dr.hint(several, mode="scalar"):
-        number, n, k = dr.opaque(mi.UInt32, lights.count), surface.facing(), mi.UInt32(0)
+        number, k = dr.opaque(mi.UInt32, lights.count), mi.UInt32(0)
         while k < number:
-            total += importance(lights, k, si.p, n, surface.transmits)
+            total += surface.importance(k)
             k += 1
     active = surface.active & (lights.count > 0)
     if dr.hint(several, mode="scalar"):
@@ -118,19 +116,22 @@ def pilot(shading: Shading, frame: Frame, seed, rays: int) -> Pilot:
     seen, tried = cells.empty(16), cells.empty(16)
     light_seen, light_tried = cells.empty(16), cells.empty(16)
     lit_sum, all_sum, traced = mi.Spectrum(0), mi.Spectrum(0), mi.UInt32(0)
-    shift, r, before, weight_l = net_1d(s, keys[6]), mi.UInt32(0), mi.Float(0), mi.Float(0)
+    r, before, weight_l = mi.UInt32(0), mi.Float(0), mi.Float(0)
     if dr.hint(several, mode="scalar"):
-        weight_l = importance(lights, l, si.p, surface.facing(), surface.transmits)
+        weight_l = surface.importance(l)
     if dr.hint(lights.count > 0, mode="scalar"):
         while active & (r < count):
+            u = net_2d(r, keys[8], keys[9])
             if dr.hint(several, mode="scalar"):
-                target = (mi.Float(r) + shift) / mi.Float(count) * total
+                salt = r * mi.UInt32(0x9E3779B9)
+                u = net_2d(s, keys[8] ^ salt, keys[9] ^ salt)
+                target = (mi.Float(r) + u.x) / mi.Float(count) * total
                 while (before + weight_l <= target) & (l + 1 < dr.opaque(mi.UInt32, lights.count)):
                     before += weight_l
                     l += 1
-                    weight_l = importance(lights, l, si.p, surface.facing(), surface.transmits)
+                    weight_l = surface.importance(l)
                 chance = weight_l / total
-            u = net_2d(r, keys[8], keys[9])
+                u.x = dr.clip((target - before) / dr.maximum(weight_l, 1e-30), 0, 1 - 2**-20)
             ds, w = surface.emitter_sample(surface.emitter(l, active), u, active & (chance > 0))
             rho, useful = surface.integrand(ds, w, chance, active & (chance > 0))
             lit = surface.visible(ds.p, useful)
@@ -223,7 +224,7 @@ def spend(shading: Shading, frame: Frame, seed, index, s, decision, refine: bool
     elif dr.hint(shading.lights.count == 1, mode="scalar"):
         value, full, traced = single_light(surface, guess, mask, mean, rays, s, keys[8], keys[9], refine)
     else:
-        value, full, traced, total = several_lights(surface, trust, rays, s, [keys[8], keys[9], keys[6], keys[7]])
+        value, full, traced, total = several_lights(surface, trust, rays, s, [keys[8], keys[9]])
     reflected = mi.UInt32(0)
     if dr.hint(shading.lights.count > 0 and not shading.lambert, mode="scalar"):
         extra, reflected = _reflected(shading, surface, s, keys, rays, trust, total)

@@ -19,7 +19,7 @@ import mitsuba as mi
 
 from . import cells
 from .lights import Lights, collect, importance, polygon_irradiance
-from .points import net_1d, net_2d, shuffle
+from .points import net_2d
 
 FLOOR = 0.08  # sampling weight of a decided light cell, next to 1 for an undecided one
 
@@ -135,6 +135,11 @@ class Surface:
         delta = mi.has_flag(sample.sampled_type, mi.BSDFFlags.Delta)
         density = emitter.pdf_direction(si, ds, active & ~delta)
         return value, emitter, sample.pdf, dr.select(delta, 0, density), active
+
+    def importance(self, l):
+        """What light ``l`` might add, for choosing among lights; flatter where highlights defy the estimate."""
+        w = importance(self.shading.lights, l, self.si.p, self.facing(), self.transmits)
+        return dr.select(self.specular, dr.sqrt(w), w)
 
     def emitter(self, l, active):
         """Emitter number ``l``; the object itself where there is only one, which spares virtual calls."""
@@ -293,7 +298,7 @@ def several_lights(surface: Surface, trust, rays, s, keys):
     rays, s : mi.UInt32
         Rays to trace, and the hit's number in its pixel.
     keys : list of mi.UInt32
-        Four scrambling seeds.
+        Two scrambling seeds.
 
     Returns
     -------
@@ -305,26 +310,27 @@ def several_lights(surface: Surface, trust, rays, s, keys):
     """
     lights = surface.shading.lights
     si, active = surface.si, mi.Bool(surface.active)
-    n = surface.facing()
     count = dr.opaque(mi.UInt32, lights.count)
     l, total = mi.UInt32(0), mi.Float(0)
     while l < count:
-        total += importance(lights, l, si.p, n, surface.transmits) * trust(l)
+        total += surface.importance(l) * trust(l)
         l += 1
     active &= total > 0
 
-    shift = net_1d(s, keys[2])
     value, bright, traced = mi.Spectrum(0), mi.Spectrum(0), mi.UInt32(0)
     r, l, before = mi.UInt32(0), mi.UInt32(0), mi.Float(0)
-    weight = importance(lights, l, si.p, n, surface.transmits) * trust(l)
+    weight = surface.importance(l) * trust(l)
     while active & (r < rays):
-        target = (mi.Float(r) + shift) / mi.Float(rays) * total
+        # Each stratum of the lights has its own sequence over the hits; a light takes over the rest of the coordinate
+        salt = r * mi.UInt32(0x9E3779B9)
+        u = net_2d(s, keys[0] ^ salt, keys[1] ^ salt)
+        target = (mi.Float(r) + u.x) / mi.Float(rays) * total
         while (before + weight <= target) & (l + 1 < count):
             before += weight
             l += 1
-            weight = importance(lights, l, si.p, n, surface.transmits) * trust(l)
+            weight = surface.importance(l) * trust(l)
         chance = weight / total
-        u = net_2d(shuffle(s * rays + r, keys[3]), keys[0], keys[1])
+        u.x = dr.clip((target - before) / dr.maximum(weight, 1e-30), 0, 1 - 2**-20)
         ds, w = surface.emitter_sample(surface.emitter(l, active), u, active & (chance > 0))
         rho, useful = surface.integrand(ds, w, chance, active & (chance > 0))
         lit = surface.visible(ds.p, useful)
