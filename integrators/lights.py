@@ -75,24 +75,36 @@ def _mean_radiance(emitter, shape) -> float:
 
 
 def _brightness_elsewhere(emitter, scene) -> tuple[np.ndarray, float, float]:
-    # Point-like lights are probed from two places: an inverse square law betrays a position
+    # Lights without a surface are probed: from the scene's middle, then, if they have a place, from all around it
     box = scene.bbox()
-    centre = np.array(box.center(), dtype=np.float64) if box.valid() else np.zeros(3)
+    centre = np.array(box.center(), dtype=np.float64).ravel() if box.valid() else np.zeros(3)
     size = max(float(np.linalg.norm(np.array(box.extents()))) if box.valid() else 1.0, 1e-6)
-    it = dr.zeros(mi.Interaction3f, 64)
-    it.p = mi.Point3f(centre)
-    if mi.is_spectral:
-        it.wavelengths, _ = mi.sample_rgb_spectrum(mi.sample_shifted(mi.Float(0.5)))
-    u = mi.Point2f(dr.meshgrid(*[(dr.arange(mi.Float, 8) + 0.5) / 8] * 2))
-    ds, weight = emitter.sample_direction(it, u, True)
-    value = np.array(mi.luminance(weight, it.wavelengths))
-    value = float(np.mean(value[np.isfinite(value)])) if np.isfinite(value).any() else 0.0
-    distance = np.array(ds.dist)
+    position, value, distance = _probe(emitter, np.repeat(centre[:, None], 64, axis=1))
     far = emitter.is_environment() or bool(np.max(distance) > 2.0 * size) or not np.all(np.isfinite(distance))
     if far:
-        return centre, -1.0, max(value, 1e-6)
-    position = np.array(ds.p)[:, 0]
-    return position, 0.0, max(value * float(distance[0]) ** 2, 1e-6)
+        return centre, -1.0, max(float(np.mean(value)), 1e-6)
+    # A spot may miss the scene's middle: its intensity is the largest that it has in any direction
+    place = position[:, 0]
+    k = np.arange(1024) + 0.5
+    z, turn = 1 - k / 512, k * (np.pi * (3 - np.sqrt(5)))
+    sphere = np.stack([np.sqrt(1 - z * z) * np.cos(turn), np.sqrt(1 - z * z) * np.sin(turn), z])
+    _, value, distance = _probe(emitter, place[:, None] + size * sphere)
+    return place, 0.0, max(float(np.max(value * distance**2)), 1e-6)
+
+
+def _probe(emitter, points: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    # Sample a light from some points: where it is seen, how bright, and how far
+    it = dr.zeros(mi.Interaction3f, points.shape[1])
+    it.p = mi.Point3f(points.astype(np.float32))
+    if mi.is_spectral:
+        it.wavelengths, _ = mi.sample_rgb_spectrum(mi.sample_shifted(mi.Float(0.5)))
+    i = dr.arange(mi.UInt32, points.shape[1])
+    u = mi.Point2f((mi.Float(i % 8) + 0.5) / 8, (mi.Float((i // 8) % 8) + 0.5) / 8)
+    ds, weight = emitter.sample_direction(it, u, True)
+    value = np.broadcast_to(np.array(mi.luminance(weight, it.wavelengths)), points.shape[1])
+    distance = np.broadcast_to(np.array(ds.dist, dtype=np.float64), points.shape[1])
+    place = np.broadcast_to(np.array(ds.p, dtype=np.float64), points.shape)
+    return place, np.where(np.isfinite(value), value, 0.0), distance
 
 
 def _rectangle(shape, emitter) -> tuple | None:
