@@ -135,7 +135,7 @@ def define(base):
 
             image, error = total.image(), total.error()
             if self.mode == "consistent" and shading.lights.count:
-                image = consistent.smooth(total, image, error)
+                image = consistent.smooth(total, image)
                 clock.lap("filter")
             layers = total.layers(error) if self.aovs else []
             result = total.develop(image, layers)
