@@ -11,10 +11,10 @@ from ..visibility import VisibilityClass, classify_grid
 
 from . import cells
 
-PILOT = 2.5  # how much more one full hit is worth than the pilot's
+PILOT = 4.0  # how much more one full hit is worth than the pilot's
 EXPONENT = 0.8  # hits ∝ (expected relative error)^EXPONENT: below Neyman's 1, as errors fall faster than N^-1/2
-PRIOR = 0.01  # doubt about a cell that looked decided: share of the light that the pilots may have missed
-HIT_COST = 4.0  # cost of a camera hit in shadow rays
+PRIOR = 0.015  # doubt about a cell that looked decided: share of the light that the pilots may have missed
+HIT_COST = 8.0  # cost of a camera hit in shadow rays
 MAX_LOG_RAYS = 3  # at most 8 shadow rays a hit
 
 
