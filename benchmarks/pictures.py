@@ -4,13 +4,15 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import intervis  # noqa: F401  (registers the plugins)
 import matplotlib
 import mitsuba as mi
 import numpy as np
 
+import intervis  # noqa: F401  (registers the plugins)
+
 matplotlib.use("Agg")
 import matplotlib.pyplot as plt
+
 from intervis import scenes
 from intervis.visibility import COLORS, NAMES
 

@@ -109,7 +109,7 @@ def _share(frame, index, a, b, mean_a, mean_b, noise, count, known, normal, poin
 
 
 def _benefit(frame, index, va, vb, shared_a, shared_b):
-    """How far to trust the shared value, in [0, 1]: does it predict the other half better than the pixel's own did?"""
+    """How far to trust the shared value, in [0, 1]: as far as it predicts the other half better than the pixel did."""
     own = dr.square(va - vb)
     at = lambda image: dr.gather(mi.Float, image, index)  # noqa: E731
     error = 0.5 * (dr.square(mi.luminance(shared_a) - at(vb)) + dr.square(mi.luminance(shared_b) - at(va)))

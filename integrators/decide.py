@@ -8,7 +8,6 @@ import drjit as dr
 import mitsuba as mi
 
 from ..visibility import VisibilityClass, classify_grid
-
 from . import cells
 
 PILOT = 4.0  # how much more one full hit is worth than the pilot's

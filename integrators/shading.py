@@ -309,7 +309,7 @@ def several_lights(surface: Surface, trust, rays, s, keys):
         Sum of the scaled importances: a light's over this is its chance.
     """
     lights = surface.shading.lights
-    si, active = surface.si, mi.Bool(surface.active)
+    active = mi.Bool(surface.active)
     count = dr.opaque(mi.UInt32, lights.count)
     l, total = mi.UInt32(0), mi.Float(0)
     while l < count:
