@@ -6,6 +6,7 @@ from pathlib import Path
 
 import matplotlib
 import numpy as np
+
 from intervis.visibility import COLORS, NAMES
 
 matplotlib.use("Agg")
@@ -24,7 +25,15 @@ def confusions(path: Path, matrices: dict) -> None:
         share = m / np.maximum(m.sum(1, keepdims=True), 1)
         axis.imshow(share, cmap="Blues", vmin=0, vmax=1)
         for i, j in np.argwhere(share >= 0.005):
-            axis.text(j, i, f"{100 * share[i, j]:.0f}", ha="center", va="center", fontsize=7, color="w" if share[i, j] > 0.5 else "k")
+            axis.text(
+                j,
+                i,
+                f"{100 * share[i, j]:.0f}",
+                ha="center",
+                va="center",
+                fontsize=7,
+                color="w" if share[i, j] > 0.5 else "k",
+            )
         axis.set_title(f"{kind}, {name}: {100 * np.trace(m) / m.sum():.1f} %", fontsize=9)
         axis.set_xticks(range(7), SHORT, rotation=60, ha="right", fontsize=7)
         axis.set_yticks(range(7), SHORT, fontsize=7)
@@ -34,7 +43,12 @@ def confusions(path: Path, matrices: dict) -> None:
 def curves(path: Path, data: dict) -> None:
     """Draw accuracy against gray levels, cells, rays and region size."""
     figure, axes = plt.subplots(1, 4, figsize=(14, 3.2), sharey=True)
-    titles = {"levels": "gray levels G", "cells": "n (n×n cells)", "rays": "rays a cell", "region": "smallest region"}
+    titles = {
+        "levels": "gray levels G",
+        "cells": "n (n×n cells)",
+        "rays": "rays a cell",
+        "region": "smallest region",
+    }
     for axis, (name, title) in zip(axes, titles.items(), strict=True):
         table = np.array(data[name], float)
         if name in ("levels", "cells"):
@@ -42,7 +56,15 @@ def curves(path: Path, data: dict) -> None:
         else:
             labels = tuple(f"{k}, {g}" for g in ("7 classes", "4 groups") for k in ("mlp", "svm", "threshold"))
         for k, label in enumerate(labels):
-            axis.plot(table[:, 0], table[:, k + 1], "o-" if k < 3 else "s--", ms=3, lw=1, color=f"C{k % 3}", label=label)
+            axis.plot(
+                table[:, 0],
+                table[:, k + 1],
+                "o-" if k < 3 else "s--",
+                ms=3,
+                lw=1,
+                color=f"C{k % 3}",
+                label=label,
+            )
         if name == "rays":
             axis.set_xscale("log", base=2)
         axis.set_xlabel(title)

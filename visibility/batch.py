@@ -1,7 +1,8 @@
-"""The features of `features` for millions of lanes at once, as Dr.Jit code that may sit inside a larger kernel.
+"""The features of `features` for millions of lanes at once: Dr.Jit code that fits inside a larger kernel.
 
-Nothing here evaluates or loops at run time. Gray levels are counted by adding one to small counters packed in 64-bit
-words; a 4×4 grid with four levels needs a single word for all its 24 neighbour pairs.
+Nothing here evaluates or loops at run time. Gray levels are counted by adding one to small counters
+packed in 64-bit words; a 4×4 grid with four levels needs a single word for all its 24 neighbour
+pairs.
 """
 
 from __future__ import annotations
@@ -9,8 +10,9 @@ from __future__ import annotations
 from itertools import combinations
 
 import drjit as dr
+import numpy as np
 
-from .features import TOLERANCE, thresholds
+from .features import TOLERANCE, neighbors, thresholds
 
 
 def grid_pairs(n: int) -> list[tuple[int, int]]:
@@ -35,8 +37,11 @@ def grid_features(fractions: list, levels: int = 4) -> list:
     list of G + (G² + G)/2 Dr.Jit floats
         As `features.features` gives for the cells' centres, bit for bit.
     """
-    n = round(len(fractions) ** 0.5)
-    pairs = grid_pairs(n)
+    return _fixed_pairs(fractions, grid_pairs(round(len(fractions) ** 0.5)), levels)
+
+
+def _fixed_pairs(fractions: list, pairs: list, levels: int) -> list:
+    """Return the features for neighbour pairs that are the same in every lane."""
     lowest, high = _encode(fractions, levels, len(pairs))
     histogram = _histogram(fractions, levels)
 
@@ -57,7 +62,8 @@ def cluster_features(fractions: list, positions: list, levels: int = 4, valid: l
     fractions : list of N Dr.Jit floats
         Fractional visibility of each cluster in [0, 1].
     positions : list of N pairs (x, y)
-        Cluster centres: Python floats where all lanes share them, Dr.Jit floats where each lane has its own.
+        Cluster centres: Python floats where all lanes share them, Dr.Jit floats where each lane has
+        its own.
     levels : int
         Gray levels G.
     valid : list of N Dr.Jit masks, optional
@@ -67,17 +73,21 @@ def cluster_features(fractions: list, positions: list, levels: int = 4, valid: l
     -------
     list of G + (G² + G)/2 Dr.Jit floats
     """
-    Float = _float_type(fractions[0])
-    n = len(fractions)
-    xy = [(Float(x), Float(y)) for x, y in positions]
-    all_pairs = list(combinations(range(n), 2))
+    # Positions that all lanes share fix the pairs once and for all
+    shared = all(isinstance(c, (int, float)) for xy in positions for c in xy)
+    if shared and valid is None:
+        near = neighbors(np.array(positions, np.float64))
+        return _fixed_pairs(fractions, np.argwhere(np.triu(near)).tolist(), levels)
 
     # Δ₁ by Eq. 4: the mean over the valid clusters of the distance to the nearest other valid one
+    Float = _float_type(fractions[0])
+    n = len(fractions)
+    all_pairs = list(combinations(range(n), 2))
     distance, both = {}, {}
     nearest = [Float(dr.inf)] * n
     for a, b in all_pairs:
-        dx, dy = xy[a][0] - xy[b][0], xy[a][1] - xy[b][1]
-        distance[a, b] = dr.sqrt(dx * dx + dy * dy)
+        dx, dy = (positions[a][k] - positions[b][k] for k in range(2))
+        distance[a, b] = Float(dr.sqrt(dx * dx + dy * dy))
         both[a, b] = True if valid is None else valid[a] & valid[b]
         d = distance[a, b] if valid is None else dr.select(both[a, b], distance[a, b], dr.inf)
         nearest[a], nearest[b] = dr.minimum(nearest[a], d), dr.minimum(nearest[b], d)
@@ -99,7 +109,7 @@ def cluster_features(fractions: list, positions: list, levels: int = 4, valid: l
 
 
 class _Counters:
-    """Counters packed in as few 64-bit words as hold ``bins`` counts up to ``most``; addressed by bit position."""
+    """Counters in 64-bit words, ``bins`` of them, counting up to ``most``; addressed by bit position."""
 
     def __init__(self, like, bins: int, most: int):
         self.UInt64 = dr.uint64_array_t(_float_type(like))
@@ -122,16 +132,14 @@ class _Counters:
     def read(self) -> list:
         """Return the counts, a 64-bit integer array each."""
         mask = (1 << self.bits) - 1
-        return [
-            (self.words[k // self.per_word] >> (k % self.per_word * self.bits)) & mask for k in range(self.bins)
-        ]
+        return [(self.words[k // self.per_word] >> (k % self.per_word * self.bits)) & mask for k in range(self.bins)]
 
 
 def _encode(fractions: list, levels: int, most: int) -> tuple[list, list]:
-    """Return, per cluster, the two addends whose sum is the bit position of a pair's counter in the upper triangle.
+    """Return, per cluster, the two addends whose sum is the bit position of a pair's counter.
 
-    The counter of levels i <= j is number i (2G - 1 - i)/2 + j: one addend depends on the lower level, one on the
-    higher.
+    The counter of levels i <= j is number i (2G - 1 - i)/2 + j: one addend depends on the lower
+    level, one on the higher.
     """
     UInt32 = dr.uint32_array_t(_float_type(fractions[0]))
     bits = max(most, 1).bit_length()

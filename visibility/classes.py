@@ -1,4 +1,4 @@
-"""The visibility configurations that everything else speaks about (§1, Fig. 1), with their names and colours."""
+"""The visibility configurations that everything else speaks about (§1, Fig. 1), their names and colours."""
 
 from __future__ import annotations
 
@@ -8,8 +8,9 @@ from enum import IntEnum
 class VisibilityClass(IntEnum):
     """How a point sees a light or an object (Fig. 1); the values are what class maps store.
 
-    "Solid" occluders and openings are larger than a cluster, "see-through" ones are as small or smaller: grating,
-    fence, foliage. "Full" and "partial" say whether some part of the object is seen without any occluder.
+    "Solid" occluders and openings are larger than a cluster, "see-through" ones are as small or
+    smaller: grating, fence, foliage. "Full" and "partial" say whether some part of the object is
+    seen without any occluder.
     """
 
     FULLY_VISIBLE = 0
@@ -41,7 +42,7 @@ COLORS = (
     (0.48, 0.25, 0.60),
     (0.17, 0.63, 0.37),
 )
-"""sRGB colours in [0, 1] for class maps, by class value: solid is blue, see-through red, mixtures in between."""
+"""sRGB colours in [0, 1] for class maps, by class value."""
 
 GROUPS = (0, 1, 2, 3, 3, 3, 3)
-"""What an integrator acts on: 0 fully visible, 1 invisible, 2 solid edge, 3 anything with see-through parts."""
+"""What an integrator acts on: 0 fully visible, 1 invisible, 2 solid edge, 3 anything see-through."""

@@ -16,10 +16,11 @@ def classify(fractions, positions=None, classifier: str = "mlp") -> np.ndarray:
     Parameters
     ----------
     fractions : array_like, shape (..., N)
-        Fractional visibility of N clusters in [0, 1]. NaN marks a culled cluster: it gives no information.
+        Fractional visibility of N clusters in [0, 1]. NaN marks a culled cluster: it gives no
+        information.
     positions : array_like, shape (N, 2) or (..., N, 2), optional
-        Cluster centres on the image plane, any unit. Without them the clusters are the cells of a square grid,
-        row by row.
+        Cluster centres on the image plane, any unit. Without them the clusters are the cells of a
+        square grid, row by row.
     classifier : {'mlp', 'svm', 'threshold'}
         How to classify.
 
@@ -31,8 +32,8 @@ def classify(fractions, positions=None, classifier: str = "mlp") -> np.ndarray:
     Raises
     ------
     InputError
-        If shapes do not match, a fraction is outside [0, 1], a position is not finite, all clusters are culled, or
-        there is no such classifier.
+        If shapes do not match, a fraction is outside [0, 1], a position is not finite, all clusters
+        are culled, or there is no such classifier.
 
     Examples
     --------
@@ -50,7 +51,7 @@ def classify(fractions, positions=None, classifier: str = "mlp") -> np.ndarray:
             raise InputError(f"'positions' must be given unless the clusters are a square grid (got {n} clusters)")
         p = grid_positions(side)
     else:
-        p = _floats(positions, "positions")
+        p = _floats(positions, "positions", np.float64)
         if p.ndim < 2 or p.shape[-1] != 2 or p.shape[-2] != n or (p.ndim > 2 and p.shape[:-2] != f.shape[:-1]):
             raise InputError(f"'positions' must have shape ({n}, 2) or {(*f.shape, 2)} (got {p.shape})")
         if not np.isfinite(p).all():
@@ -70,7 +71,8 @@ def classify_grid(cells: list, classifier: str = "mlp"):
     Parameters
     ----------
     cells : list of n² Dr.Jit floats
-        Fraction of each cell that is visible, in [0, 1], row by row. Not checked: that would need an evaluation.
+        Fraction of each cell that is visible, in [0, 1], row by row. Not checked: that would need
+        an evaluation.
     classifier : {'mlp', 'svm', 'threshold'}
         How to classify.
 
@@ -98,7 +100,8 @@ def classify_clusters(fractions: list, positions: list, classifier: str = "mlp",
     fractions : list of N Dr.Jit floats
         Fractional visibility of each cluster in [0, 1].
     positions : list of N pairs (x, y)
-        Cluster centres: Python floats where all lanes share them, Dr.Jit floats where each lane has its own.
+        Cluster centres: Python floats where all lanes share them, Dr.Jit floats where each lane has
+        its own.
     classifier : {'mlp', 'svm', 'threshold'}
         How to classify.
     valid : list of N Dr.Jit masks, optional
@@ -115,14 +118,14 @@ def classify_clusters(fractions: list, positions: list, classifier: str = "mlp",
         If the lengths differ, there are no clusters, or there is no such classifier.
     """
     if not fractions or len(positions) != len(fractions) or (valid is not None and len(valid) != len(fractions)):
-        raise InputError(f"'positions' must hold one (x, y) for each of the {len(fractions)} clusters (got {len(positions)})")
+        raise InputError(f"'positions' must hold one (x, y) for each of {len(fractions)} clusters (got {len(positions)})")
     side = round(len(fractions) ** 0.5)
     return weights.load(classifier, side).classify(cluster_features(fractions, positions, weights.LEVELS, valid))
 
 
-def _floats(values, name: str) -> np.ndarray:
-    """Return ``values`` as a float32 array, or say that they are not numbers."""
+def _floats(values, name: str, dtype=np.float32) -> np.ndarray:
+    """Return ``values`` as an array of floats, or say that they are not numbers."""
     try:
-        return np.asarray(values, np.float32)
+        return np.asarray(values, dtype)
     except (TypeError, ValueError) as error:
         raise InputError(f"'{name}' must be an array of numbers (got {type(values).__name__})") from error

@@ -1,7 +1,7 @@
-"""Histogram and co-occurrence features of clusters with fractional visibility, as a NumPy reference (§3.1, §4.3).
+"""Histogram and co-occurrence features of fractional visibility, as a NumPy reference (§3.1, §4.3).
 
-Everything here is float32 and built from comparisons and integer counts, so that the Dr.Jit versions in `batch` give
-the same bits.
+Everything here is float32 and built from comparisons and integer counts, so that the Dr.Jit
+versions in `batch` give the same bits.
 """
 
 from __future__ import annotations
@@ -20,15 +20,17 @@ def feature_count(levels: int = 4) -> int:
 def thresholds(levels: int = 4) -> np.ndarray:
     """Return the ``levels - 1`` fractions at which the next gray level begins.
 
-    A fraction goes to the nearest of the levels 0, 1/(G-1), …, 1. Ties go towards the middle (a hair of 1e-4 makes that
-    certain in float32): with few rays ties are common, and one blocked ray in six must count as much as one seen.
+    They are spread evenly from 1/(2G) to 1 - 1/(2G): black and white are the narrow levels, as they
+    claim that a cluster is decided. Ties go towards the middle (a hair of 1e-4 makes that certain
+    in float32), because with few rays they are common: one blocked ray in eight makes a cluster
+    gray, as does one seen.
 
     Returns
     -------
     ndarray, shape (levels - 1,), float32
     """
-    t = (np.arange(levels - 1) + 0.5) / (levels - 1)
-    return np.where(t < 0.5, t * (1 - 1e-4), 1 - (1 - t) * (1 - 1e-4) if levels > 2 else t).astype(np.float32)
+    t = np.linspace(1 / (2 * levels), 1 - 1 / (2 * levels), levels - 1) if levels > 2 else np.array([0.5])
+    return np.where(t < 0.5, t * (1 - 1e-4), np.where(t > 0.5, 1 - (1 - t) * (1 - 1e-4), t)).astype(np.float32)
 
 
 def quantize(fractions, levels: int = 4) -> np.ndarray:
@@ -82,8 +84,8 @@ def neighbor_distance(positions, valid=None) -> np.ndarray:
 def neighbors(positions, valid=None) -> np.ndarray:
     """Return which pairs of clusters are neighbours: | ‖x - y‖ - Δ₁ | < 0.2 Δ₁ (§4.3).
 
-    The paper's ε is "20 percent of the cluster image space diameter", and Δ₁ is "roughly equal to the mean cluster
-    diameter", hence ε = 0.2 Δ₁.
+    The paper's ε is "20 percent of the cluster image space diameter", and Δ₁ is "roughly equal to
+    the mean cluster diameter", hence ε = 0.2 Δ₁.
 
     Returns
     -------
@@ -117,7 +119,8 @@ def co_occurrence(fractions, positions, levels: int = 4) -> tuple[np.ndarray, np
     histogram : ndarray, shape (..., levels), int64
         The diagonal of P₀.
     matrix : ndarray, shape (..., levels, levels), int64
-        P_Δ₁, symmetric. As Eq. 2 runs over ordered pairs, a pair of equal levels counts twice on the diagonal.
+        P_Δ₁, symmetric. As Eq. 2 runs over ordered pairs, a pair of equal levels counts twice on
+        the diagonal.
     """
     f = np.asarray(fractions, np.float32)
     valid = ~np.isnan(f)
@@ -144,9 +147,9 @@ def features(fractions, positions, levels: int = 4) -> np.ndarray:
     Returns
     -------
     ndarray, shape (..., G + (G² + G)/2), float32
-        Shares in [0, 1]: of the clusters in each level, then of the neighbour pairs in each pair of levels, row by row
-        of the upper triangle: (0, 0), (0, 1), …, (G-1, G-1). Each of the two parts sums to one, or is all zero where
-        there is nothing to count.
+        Shares in [0, 1]: of the clusters in each level, then of the neighbour pairs in each pair of
+        levels, row by row of the upper triangle: (0, 0), (0, 1), …, (G-1, G-1). Each of the two
+        parts sums to one, or is all zero where there is nothing to count.
 
     Examples
     --------
@@ -178,7 +181,12 @@ def _shares(counts: np.ndarray) -> np.ndarray:
 
 
 def _distances(positions) -> np.ndarray:
-    """Return all pairwise distances, shape (..., N, N), in float32."""
-    p = np.asarray(positions, np.float32)
+    """Return all pairwise distances, shape (..., N, N), as float32.
+
+    Double precision stays double until the difference is taken: positions far from the origin keep
+    their pattern.
+    """
+    p = np.asarray(positions)
+    p = p if p.dtype == np.float32 else p.astype(np.float64)
     d = p[..., :, None, :] - p[..., None, :, :]
-    return np.sqrt(d[..., 0] * d[..., 0] + d[..., 1] * d[..., 1])
+    return np.sqrt(d[..., 0] * d[..., 0] + d[..., 1] * d[..., 1]).astype(np.float32)

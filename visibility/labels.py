@@ -1,8 +1,9 @@
 """What a visibility class *is*: labels of dense visibility maps, independent of features and classifiers.
 
-The paper: features of a blocker larger than a cluster are solid, "roughly equal-sized or smaller features […] are
-detected as see-through" (§5.1.1). A morphological opening says the same in pixels: what a disc a little wider than a
-cluster can reach without leaving the blocked (or the visible) part is solid; the rest is see-through structure.
+The paper: features of a blocker larger than a cluster are solid, "roughly equal-sized or smaller
+features […] are detected as see-through" (§5.1.1). A morphological opening says the same in pixels:
+what a disc a little wider than a cluster can reach without leaving the blocked (or the visible)
+part is solid; the rest is see-through structure.
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ TRACE = 1 / 32
 """A light with less than this share blocked (or visible) counts as fully visible (or invisible)."""
 
 REGION = 0.1
-"""A region with at least this share of the light is present; see-through, solid blocked and solid visible alike."""
+"""A see-through, solid blocked or solid visible region is present from this share of the light."""
 
 
 def region_areas(dense: np.ndarray, n: int = 4) -> tuple[float, float, float]:
@@ -61,7 +62,8 @@ def label(dense: np.ndarray, n: int = 4) -> tuple[C, bool]:
     -------
     label : VisibilityClass
     clear : bool
-        False for borderline maps: some region's share is within a factor of two of the threshold that decided.
+        False for borderline maps: some region's share is within a factor of two of the threshold
+        that decided.
     """
     seen = float(np.mean(dense))
     rest = min(seen, 1 - seen)

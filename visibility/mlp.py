@@ -14,7 +14,8 @@ class MLP:
     Parameters
     ----------
     weights : dict
-        ``w1`` (hidden, features), ``b1`` (hidden,), ``w2`` (classes, hidden), ``b2`` (classes,), float32.
+        ``w1`` (hidden, features), ``b1`` (hidden,), ``w2`` (classes, hidden), ``b2`` (classes,),
+        float32.
     """
 
     def __init__(self, weights: dict[str, np.ndarray]):
@@ -27,7 +28,7 @@ class MLP:
         return (hidden @ w["w2"].T + w["b2"]).argmax(-1)
 
     def classify(self, features: list):
-        """Classify a list of F Dr.Jit floats; returns a Dr.Jit UInt32. Traces code only, evaluates nothing."""
+        """Classify a list of F Dr.Jit floats; returns a Dr.Jit UInt32. Only traces."""
         w = self.weights
         hidden = [dr.maximum(h, 0) for h in affine(w["w1"], w["b1"], features)]
         return argmax(affine(w["w2"], w["b2"], hidden))
@@ -59,7 +60,10 @@ class MLP:
         for _ in range(epochs):
             order = rng.permutation(m)
             for start in range(0, m - batch + 1, batch):
-                x, y = features[order[start : start + batch]].astype(np.float64), target[order[start : start + batch]]
+                x, y = (
+                    features[order[start : start + batch]].astype(np.float64),
+                    target[order[start : start + batch]],
+                )
 
                 # Forward, then the gradient of the mean cross-entropy backward
                 hidden = np.maximum(x @ w["w1"].T + w["b1"], 0)

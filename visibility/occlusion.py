@@ -29,8 +29,9 @@ def disc_overlap(distance, radius: float) -> np.ndarray:
 def self_visibility(positions, depths, radius: float, iterations: int = 2) -> np.ndarray:
     """Estimate the share of each cluster that the object's other clusters leave visible (§4.2, Eq. 3).
 
-    Every cluster counts as a disc on the image plane. Each iteration subtracts from a disc what nearer discs cover,
-    weighted by how visible these are themselves, so that what lies behind two others is not subtracted twice.
+    Every cluster counts as a disc on the image plane. Each iteration subtracts from a disc what
+    nearer discs cover, weighted by how visible these are themselves, so that what lies behind two
+    others is not subtracted twice.
 
     Parameters
     ----------
@@ -39,7 +40,8 @@ def self_visibility(positions, depths, radius: float, iterations: int = 2) -> np
     depths : array_like, shape (N,)
         Distance of each cluster to the viewer; only the order matters.
     radius : float
-        Disc radius in the unit of ``positions``; half of `neighbor_distance` fits the paper's clusters.
+        Disc radius in the unit of ``positions``; half of `neighbor_distance` fits the paper's
+        clusters.
     iterations : int
         Number m of iterations; the paper uses 1 or 2, 3 to 4 for very concave objects.
 
@@ -55,15 +57,14 @@ def self_visibility(positions, depths, radius: float, iterations: int = 2) -> np
 
     Notes
     -----
-    The printed Eq. 3 subtracts from V^(m-1) in every iteration, which for two overlapping discs would subtract the
-    same overlap again and again. Here the sum is subtracted from V⁰ = 1, as in the ambient occlusion that the paper
-    names as its model; one iteration gives the same as the printed form.
+    The printed Eq. 3 subtracts from V^(m-1) in every iteration, which for two overlapping discs
+    would subtract the same overlap again and again. Here the sum is subtracted from V⁰ = 1, as in
+    the ambient occlusion that the paper names as its model; one iteration gives the same as the
+    printed form.
     """
     p, d = np.asarray(positions, np.float64), np.asarray(depths, np.float64)
     if p.ndim != 2 or p.shape[1] != 2 or d.shape != p.shape[:1]:
-        raise InputError(
-            f"'positions' must have shape (N, 2) and 'depths' (N,) (got {p.shape} and {d.shape}): one for each cluster"
-        )
+        raise InputError(f"'positions' must have shape (N, 2), 'depths' (N,), one a cluster (got {p.shape} and {d.shape})")
     if not radius > 0:
         raise InputError(f"'radius' must be > 0 (got {radius}): half the distance of neighbouring clusters fits")
     overlap = disc_overlap(np.linalg.norm(p[:, None] - p[None], axis=-1), radius)

@@ -1,11 +1,14 @@
 """Labelled visibility patterns: light grids behind generated solid and see-through blockers (§3.2, Fig. 5).
 
-A pattern is the unit square cut into visible (V), blocked (B) and see-through (S) regions; which of them are
-there *is* the label. Regions are half-planes, corners, discs, rectangles and bands at any angle, rasterised with
-antialiasing, so solid edges leave partly covered cells. Patterns near the border between two labels are not made:
+A pattern is the unit square cut into visible (V), blocked (B) and see-through (S) regions; which of
+them are there *is* the label. Regions are half-planes, corners, discs, rectangles and bands at any
+angle, rasterised with antialiasing, so solid edges leave partly covered cells. Patterns near the
+border between two labels are not made:
 
-- fully visible, invisible: the other region covers at most `TRACE` (a quarter of a cell of a 4×4 grid);
-- partial solid: V and B cover at least `SOLID` (one such cell); a region smaller than `REGION` enters from the
+- fully visible, invisible: the other region covers at most `TRACE` (a quarter of a cell of a 4×4
+  grid);
+- partial solid: V and B cover at least `SOLID` (one such cell); a region smaller than `REGION`
+  enters from the
   square's border, because an island of that size would be as small as a cell, thus see-through;
 - the others: each region that is there covers at least `REGION`, the rest nothing;
 - see-through blockers are a random mid-gray a cell, or bars or leaves no larger than a cell.
@@ -37,8 +40,8 @@ def generate(
     n : int
         Cells an axis.
     rays : (int, int), optional
-        Estimate each cell's fraction from this many binary samples (drawn uniformly from the closed range), as
-        few shadow rays do; exact fractions by default.
+        Estimate each cell's fraction from this many binary samples (drawn uniformly from the closed
+        range), as few shadow rays do; exact fractions by default.
     region : float
         Smallest area of a region in the four see-through labels, at most 1/3.
 
@@ -125,9 +128,9 @@ def _cut(distance: np.ndarray, area: np.ndarray) -> np.ndarray:
 def _shapes(rng, points: np.ndarray, area: np.ndarray) -> np.ndarray:
     """Return a random function per pattern whose sublevel sets are regions of one shape.
 
-    Shapes 0 to 3, half-planes, corners, discs and rectangles, enter from the border; 4 is a band through the
-    middle. Discs and rectangles lie around a point of the border: an island inside a 4×4 grid would leave a frame
-    narrower than a cell around it.
+    Shapes 0 to 3, half-planes, corners, discs and rectangles, enter from the border; 4 is a band
+    through the middle. Discs and rectangles lie around a point of the border: an island inside a
+    4×4 grid would leave a frame narrower than a cell around it.
     """
     m = len(area)
     x, y = points[:, None, :]

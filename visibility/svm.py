@@ -1,4 +1,4 @@
-"""A support vector machine with a quadratic kernel, one against the rest, solved in its primal form (§3.2)."""
+"""A support vector machine on quadratic features, one against the rest, solved in primal form (§3.2)."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ class SVM:
     Parameters
     ----------
     weights : dict
-        ``w`` (classes, F + F (F + 1)/2) for the features and then their products in the order of the upper triangle,
-        ``b`` (classes,), float32.
+        ``w`` (classes, F + F (F + 1)/2) for the features and then their products in the order of
+        the upper triangle, ``b`` (classes,), float32.
     """
 
     def __init__(self, weights: dict[str, np.ndarray]):
@@ -26,7 +26,7 @@ class SVM:
         return (expand(features) @ self.weights["w"].T + self.weights["b"]).argmax(-1)
 
     def classify(self, features: list):
-        """Classify a list of F Dr.Jit floats; returns a Dr.Jit UInt32. Traces code only, evaluates nothing."""
+        """Classify a list of F Dr.Jit floats; returns a Dr.Jit UInt32. Only traces."""
         products = [features[i] * features[j] for i, j in zip(*np.triu_indices(len(features)), strict=True)]
         return argmax(affine(self.weights["w"], self.weights["b"], features + products))
 
@@ -51,7 +51,7 @@ class SVM:
 
 
 def _newton(x: np.ndarray, sign: np.ndarray, c: float, steps: int = 50) -> np.ndarray:
-    """Newton's method with step halving; the loss is quadratic wherever the set of margin errors stays the same."""
+    """Minimise by Newton's method: the loss is quadratic while the set of margin errors stays the same."""
     regular = np.append(np.ones(x.shape[1] - 1), 0)
     scale = c / len(x)
 

@@ -1,4 +1,4 @@
-"""The simple rule to beat: one threshold on the mean visibility, one on the share of partly visible clusters."""
+"""The simple rule to beat: thresholds on the mean visibility and on the share of partly visible clusters."""
 
 from __future__ import annotations
 
@@ -11,15 +11,16 @@ from .classes import VisibilityClass as C
 class Threshold:
     """Decide from the histogram alone.
 
-    The mean level decides fully visible and invisible; above a share of gray clusters the blocker counts as
-    see-through, and black and white clusters beside the gray ones tell the four see-through classes apart.
+    The mean level decides fully visible and invisible; above a share of gray clusters the blocker
+    counts as see-through, and black and white clusters beside the gray ones tell the four see-
+    through classes apart.
 
     Parameters
     ----------
     weights : dict
-        ``levels`` (1,) gray levels G, ``rule`` (3,): distance of the mean level to 0 or 1 that still counts as
-        invisible or visible; share of gray clusters from which a blocker is see-through; share of black or white
-        clusters from which a region of that kind is present.
+        ``levels`` (1,) gray levels G, ``rule`` (3,): distance of the mean level to 0 or 1 that
+        still counts as invisible or visible; share of gray clusters from which a blocker is see-
+        through; share of black or white clusters from which a region of that kind is present.
     """
 
     def __init__(self, weights: dict[str, np.ndarray]):
@@ -46,13 +47,17 @@ class Threshold:
         return np.where(mean <= near, C.INVISIBLE, out)
 
     def classify(self, features: list):
-        """Classify a list of F Dr.Jit floats; returns a Dr.Jit UInt32. Traces code only, evaluates nothing."""
+        """Classify a list of F Dr.Jit floats; returns a Dr.Jit UInt32. Only traces."""
         UInt32 = dr.uint32_array_t(type(features[0]))
         mean, gray, black, white = self._parts(features)
         near, mixed, region = self.weights["rule"].tolist()
 
         def choose(mask, yes, no):
-            return dr.select(mask, UInt32(int(yes)) if isinstance(yes, C) else yes, UInt32(int(no)) if isinstance(no, C) else no)
+            return dr.select(
+                mask,
+                UInt32(int(yes)) if isinstance(yes, C) else yes,
+                UInt32(int(no)) if isinstance(no, C) else no,
+            )
 
         has_white = white >= region
         out = choose(

@@ -1,4 +1,4 @@
-"""Train the shipped classifiers: ``python -m intervis.visibility.train --seed 0`` rewrites ``weights.npz``."""
+"""Train the shipped classifiers: ``python -m intervis.visibility.train --seed 0`` writes the weights."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ def main(argv: list[str] | None = None) -> None:
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("-o", "--output", type=Path, default=weights.PATH)
     arguments = parser.parse_args(argv)
-    trained = train(arguments.seed)
+    trained = train(arguments.seed, weights.SIZES, COUNT)
 
     # Write beside, then rename: an interrupted run leaves the old weights
     beside = arguments.output.with_name(arguments.output.stem + ".part.npz")
