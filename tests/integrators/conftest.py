@@ -43,7 +43,7 @@ def compare(
     both = settings.pop("both", {})
     loaded = mi.load_dict(scene) if isinstance(scene, dict) else scene
     integrator = mi.load_dict({"type": ours, **both, **settings})
-    theirs = mi.load_dict({"type": reference, **both})
+    theirs = mi.load_dict({**({"type": reference} if isinstance(reference, str) else reference), **both})
     x, v = render_tiles(loaded, integrator, spp, range(1, 1 + seeds), keep=keep)
     r, rv = render_tiles(loaded, theirs, reference_spp, range(1001, 1001 + reference_seeds), keep=keep)
     assert x.min() >= -1e-6 * max(np.abs(r).max(), 1e-30), "the mean of a tile is negative"

@@ -146,7 +146,9 @@ def slowly(names, quick):
 
 @pytest.mark.parametrize("name", slowly(EMITTERS, QUICK_EMITTERS))
 def test_every_emitter(kit, name):
-    kit.compare(kit.room({"light": EMITTERS[name]()}))
+    # Under a constant sky Mitsuba's two strategies differ by 0.4 %: the reference samples the emitter, as we do
+    strategy = {"emitter_samples": 1, "bsdf_samples": 0} if name == "constant" else {}
+    kit.compare(kit.room({"light": EMITTERS[name]()}), {"type": "direct", **strategy})
 
 
 @pytest.mark.parametrize("name", slowly(MIXED, QUICK_MIXED))
