@@ -122,7 +122,7 @@ def allocate(decision, frame, seed, budget: float, max_rays: int, pilot_rays: in
             break
         scale *= min(budget / spent, 4.0)
     wanted = dr.minimum(share * scale, most)
-    jitter = mi.sample_tea_float32(dr.arange(mi.UInt32, frame.pixels), seed, 4)
+    jitter = mi.sample_tea_float32(dr.arange(mi.UInt32, frame.pixels), ~seed, 4)
     # Powers of two, where the points form nets: the two nearest are mixed so that the expected number is as wanted
     low = dr.select(wanted >= 1, dr.exp2(dr.floor(dr.log2(dr.maximum(wanted, 1)))), 0)
     high = dr.select(wanted >= 1, 2 * low, 1)
