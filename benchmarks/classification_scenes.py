@@ -175,5 +175,6 @@ def cost(out, lanes: int = 1_000_000, repeats: int = 7) -> None:
         [k, f"{1e3 * s[0]:.0f}", f"{1e3 * min(s[1:]):.1f}", f"{1e3 * float(np.median(s[1:])):.1f}"]
         for k, s in seconds.items()
     ]
-    note = f"Milliseconds for {lanes:,} lanes, llvm_ad_rgb, {dr.thread_count()} threads. The first run compiles, or finds its kernel on disk."
+    note = f"Milliseconds for {lanes:,} lanes, llvm_ad_rgb, {dr.thread_count()} threads. "
+    note += "The first run compiles, or finds its kernel on disk."
     out.table("cost", "Cost of a million classifications", ["job", "first", "best", "median"], rows, note)
