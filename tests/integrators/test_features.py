@@ -167,3 +167,156 @@ def test_every_bsdf(kit, name):
 def test_glossy_under_many_lights(kit, name):
     lights = {f"light{i}": light for i, light in enumerate(MIXED["all"]())}
     kit.compare(kit.room(lights, bsdf=BSDFS[name]()))
+
+
+def film(**more):
+    return lambda kit: kit.room(camera=kit.sensor(film=more))
+
+
+def instances(kit):
+    leaf = {"type": "rectangle", "to_world": T().scale(0.2), "bsdf": {"type": "twosided", "bsdf": {"type": "diffuse"}}}
+    scene = kit.room(blocker=False, group={"type": "shapegroup", "leaf": leaf})
+    for i in range(4):
+        place = T().translate([0.4 * i - 0.6, 0.6, 0]) @ T().rotate([1, 1, 0], 40 * i + 70)
+        scene[f"copy{i}"] = {"type": "instance", "to_world": place, "group": {"type": "ref", "id": "group"}}
+    return scene
+
+
+def lens(kit):
+    camera = kit.sensor(aperture_radius=0.2, focus_distance=3.5)
+    camera["type"] = "thinlens"
+    return kit.room(camera=camera)
+
+
+VIEWS = {
+    "thinlens": lens,
+    "orthographic": lambda kit: kit.room(
+        camera={
+            **{k: v for k, v in kit.sensor().items() if k != "fov"},
+            "type": "orthographic",
+            "to_world": T().look_at([0, 1.2, 4], [0, 0.5, 0], [0, 1, 0]) @ T().scale([2, 2, 1]),
+        }
+    ),
+    "instances": instances,
+    "crop": film(width=64, height=64, crop_offset_x=13, crop_offset_y=20, crop_width=32, crop_height=24),
+    "tent": film(rfilter={"type": "tent"}),
+    "gaussian": film(rfilter={"type": "gaussian"}),
+    "mitchell": film(rfilter={"type": "mitchell"}),
+    "gaussian_border": film(rfilter={"type": "gaussian"}, sample_border=True),
+    "gaussian_crop_border": film(
+        rfilter={"type": "gaussian"},
+        sample_border=True,
+        width=64,
+        height=64,
+        crop_offset_x=13,
+        crop_offset_y=20,
+        crop_width=32,
+        crop_height=24,
+    ),
+    "alpha": film(pixel_format="rgba"),
+    "alpha_gaussian": film(pixel_format="rgba", rfilter={"type": "gaussian"}),
+    "luminance": film(pixel_format="luminance"),
+}
+QUICK_VIEWS = ("thinlens", "instances", "gaussian_crop_border", "alpha")
+
+
+@pytest.mark.parametrize("name", slowly(VIEWS, QUICK_VIEWS))
+def test_films_lenses_and_instances(kit, name):
+    kit.compare(VIEWS[name](kit))
+
+
+@pytest.mark.parametrize("sky", [False, pytest.param(True, marks=pytest.mark.slow)])
+def test_hidden_emitters(kit, sky):
+    lights = {"lamp": kit.lamp(to_world=T().translate([0, 1, 0]) @ T().scale(0.4))}
+    if sky:
+        lights["sky"] = EMITTERS["constant"]()
+    camera = kit.sensor(film={"pixel_format": "rgba"})
+    kit.compare(kit.room(lights, camera=camera), both={"hide_emitters": True})
+
+
+def test_alpha_under_a_sky(kit):
+    scene = mi.load_dict(kit.room(EMITTER_SKY(), camera=kit.sensor(film={"pixel_format": "rgba"})))
+    ours, theirs = (
+        np.array(mi.render(scene, integrator=mi.load_dict({"type": t}), spp=64))[..., 3] for t in ("visdirect", "direct")
+    )
+    np.testing.assert_allclose(ours, theirs, atol=0.3)
+    assert abs(ours.mean() - theirs.mean()) < 0.01
+
+
+def EMITTER_SKY():
+    return {"sky": EMITTERS["constant"]()}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("variant", ["llvm_ad_mono", "llvm_ad_spectral"])
+@pytest.mark.parametrize("name", ["rectangle", "sphere", "all"])
+def test_other_colours(kit, variant, name):
+    if variant not in mi.variants():
+        pytest.skip(f"{variant} is not built")
+    try:
+        mi.set_variant(variant)
+        lights = MIXED["all"]() if name == "all" else [EMITTERS[name]()]
+        kit.compare(kit.room({f"light{i}": light for i, light in enumerate(lights)}))
+    finally:
+        mi.set_variant("llvm_ad_rgb")
+
+
+def test_layers(kit):
+    integrator = mi.load_dict({"type": "visdirect", "aovs": True})
+    names = ["visibility.class", "visibility.fraction", "rays.shadow", "error.R", "error.G", "error.B"]
+    assert integrator.aov_names() == names
+    scene = mi.load_dict(kit.room())
+    image = np.array(mi.render(scene, integrator=integrator, spp=16))
+    assert image.shape == (32, 32, 9)
+    label, fraction, rays, error = image[..., 3], image[..., 4], image[..., 5], image[..., 6:]
+    assert set(np.unique(label)) <= set(range(7)) and len(np.unique(label)) > 2
+    assert fraction.min() >= 0 and fraction.max() <= 1
+    assert rays.sum() == integrator.report.rays["pilot"] + integrator.report.rays["refinement"]
+    assert (error >= 0).all() and error.max() > 0
+    channels = [field.name for field in scene.sensors()[0].film().bitmap().struct_()]
+    assert channels == ["R", "G", "B", *names]
+    plain = np.array(mi.render(scene, integrator=mi.load_dict({"type": "visdirect"}), spp=16))
+    np.testing.assert_allclose(plain, image[..., :3], rtol=1e-5, atol=1e-6)
+    assert sum(integrator.report.classes.values()) == 32 * 32
+
+
+def test_layers_survive_a_wide_filter(kit):
+    camera = kit.sensor(film={"rfilter": {"type": "gaussian"}, "pixel_format": "rgba"})
+    scene = mi.load_dict(kit.room(camera=camera))
+    image = np.array(mi.render(scene, integrator=mi.load_dict({"type": "visdirect", "aovs": True}), spp=16))
+    assert image.shape == (32, 32, 10)
+    assert set(np.unique(np.round(image[..., 4], 3))) <= set(range(7))
+    assert image[..., 5].min() >= 0 and image[..., 5].max() <= 1 + 1e-5
+
+
+def test_a_spectral_film_is_refused(kit):
+    """A film with its own channels is rendered as `direct` does, or refused in a sentence."""
+    camera = kit.sensor()
+    camera["film"] = {"type": "specfilm", "width": 16, "height": 16}
+    try:
+        mi.set_variant("llvm_ad_spectral")
+        camera = kit.sensor()
+        camera["film"] = {
+            "type": "specfilm",
+            "width": 16,
+            "height": 16,
+            "band": {"type": "spectrum", "value": [(400, 1.0), (700, 1.0)]},
+        }
+        scene = mi.load_dict(kit.room(camera=camera))
+        with pytest.raises((InputError, RuntimeError), match="specfilm|film"):
+            mi.render(scene, integrator=mi.load_dict({"type": "visdirect"}), spp=4)
+    finally:
+        mi.set_variant("llvm_ad_rgb")
+
+
+def test_same_seed_same_picture(kit):
+    scene, integrator = mi.load_dict(kit.room()), mi.load_dict({"type": "visdirect"})
+    a, b, c = (np.array(mi.render(scene, integrator=integrator, spp=8, seed=s)) for s in (5, 5, 6))
+    np.testing.assert_array_equal(a, b)
+    assert (a != c).any()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("depth", [2, 3, 5])
+def test_paths(kit, depth):
+    kit.compare(kit.room(), "path", "vispath", both={"max_depth": depth}, seeds=24)

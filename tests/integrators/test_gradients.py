@@ -62,4 +62,4 @@ def test_what_has_no_derivative_says_so(kit, settings):
     scene = mi.load_dict(kit.room())
     plugin = mi.load_dict({"type": "visdirect", **settings})
     with pytest.raises((InputError, RuntimeError), match="no derivatives"):
-        plugin.render_backward(scene, mi.traverse(scene), mi.TensorXf(0.0, (32, 32, 3)))
+        plugin.render_backward(scene, mi.traverse(scene), dr.zeros(mi.TensorXf, (32, 32, 3)))
