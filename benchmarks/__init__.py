@@ -1,0 +1,1 @@
+"""Run time against error, beside every peer, in one run."""

@@ -64,6 +64,7 @@ def main(arguments: list[str] | None = None) -> None:
     parser.add_argument("--scenes", help="comma-separated names (default: all built-in scenes)")
     parser.add_argument("--repeats", type=int, default=5)
     parser.add_argument("--quick", action="store_true", help="small films, coarse references: a trial, not a measurement")
+    parser.add_argument("--reference", type=int, default=4096, help="samples a pixel of the references")
     parser.add_argument("--cache", type=Path, default=Path.home() / ".cache" / "intervis" / "benchmark")
     parser.add_argument("--output", type=Path, default=OUT)
     parser.add_argument("--variant", default="llvm_ad_rgb")
@@ -75,19 +76,19 @@ def main(arguments: list[str] | None = None) -> None:
 
     names = options.scenes.split(",") if options.scenes else intervis.scenes.names()
     width, height = (240, 135) if options.quick else (480, 270)
-    samples = 1024 if options.quick else 4096
+    samples = min(options.reference, 1024) if options.quick else options.reference
     results, references, shares, parts, oracles, light = {}, {}, {}, {}, {}, {}
     start = time.perf_counter()
 
     def note(text):
         print(f"{time.perf_counter() - start:6.0f} s  {text}", file=sys.stderr, flush=True)
 
-    for name in names:
+    def measure(name):
         s = direct_runs.setup(name, width, height)
         if name == "openfloor":
             note("openfloor: light noise")
-            light = direct_checks.light_noise(s)
-            continue
+            light.update(direct_checks.light_noise(s))
+            return
         note(f"{name}: reference")
         direct_runs.add_reference(s, options.cache, samples)
         references[name] = s.reference_error
@@ -99,6 +100,17 @@ def main(arguments: list[str] | None = None) -> None:
             count = 2 if options.quick else 3
             parts[name] = direct_ablation.ablate(s, 64, count)
             oracles[name] = direct_ablation.regret(s, 64, count)
+
+    # Interrupted, it reports the scenes that are done
+    for name in names:
+        try:
+            measure(name)
+        except KeyboardInterrupt:
+            results.pop(name, None)
+            note("interrupted: reporting the scenes that are done")
+            break
+    names = [n for n in names if n in shares]
+    results = {n: results[n] for n in names}
     memory = {n: direct_checks.peak_memory(n) for n in MEMORY if n in names and not options.quick}
 
     # Compare at equal error

@@ -49,7 +49,7 @@ def define(base):
         light_grid : int
             Light cells along each side, 2 to 4 (default 4).
         classifier : str
-            ``mlp``, ``svm`` or ``threshold`` (default).
+            ``mlp`` (default), ``svm`` or ``threshold``: names the configuration in the layers.
         threshold : float
             Stop at this relative error; 0 (default) spends the budget.
         max_rays : int
@@ -65,7 +65,7 @@ def define(base):
         def __init__(self, props):
             self.mode = choice("mode", props.get("mode", "unbiased"), ("unbiased", "consistent"))
             self.grid = number("light_grid", props.get("light_grid", 4), 2, 4)
-            self.classifier = choice("classifier", props.get("classifier", "threshold"), CLASSIFIERS)
+            self.classifier = choice("classifier", props.get("classifier", "mlp"), CLASSIFIERS)
             self.threshold = number("threshold", props.get("threshold", 0.0), 0.0)
             self.max_rays = number("max_rays", props.get("max_rays", 512), 1)
             self.refine = props.get("refine", False)
@@ -76,7 +76,7 @@ def define(base):
             self.depth = props_depth
 
         def _depth(self, props):
-            if props.has_property("max_depth"):
+            if "max_depth" in props:
                 raise InputError("'max_depth' is not a parameter of visdirect, which renders direct light only: use vispath")
             return 2
 
@@ -106,6 +106,8 @@ def define(base):
             clock = assemble.Clock()
             frame = Frame(sensor)
             film = sensor.film()
+            if mi.has_flag(film.flags(), mi.FilmFlags.Special):
+                raise InputError("'film' must have colour channels, such as hdrfilm (got one with channels of its own)")
             film.prepare(self.aov_names())
             shading = prepare(scene)
             shading.integrator, shading.grid, shading.hide = self, self.grid, self.hide_emitters
