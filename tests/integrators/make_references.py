@@ -3,10 +3,10 @@
 Each EXR holds the mean of many seeds and the variance of that mean. Shadow references sample the emitters only.
 """
 
+import intervis  # noqa: F401, I001  (first: it names a good LLVM before Dr.Jit loads one)
+
 import sys
 from pathlib import Path
-
-import intervis  # noqa: I001  (first: it names a good LLVM before Dr.Jit loads one)
 
 import mitsuba as mi
 import numpy as np

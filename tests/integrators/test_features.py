@@ -235,16 +235,12 @@ def test_hidden_emitters(kit, sky):
 
 
 def test_alpha_under_a_sky(kit):
-    scene = mi.load_dict(kit.room(EMITTER_SKY(), camera=kit.sensor(film={"pixel_format": "rgba"})))
+    scene = mi.load_dict(kit.room({"sky": EMITTERS["constant"]()}, camera=kit.sensor(film={"pixel_format": "rgba"})))
     ours, theirs = (
         np.array(mi.render(scene, integrator=mi.load_dict({"type": t}), spp=64))[..., 3] for t in ("visdirect", "direct")
     )
     np.testing.assert_allclose(ours, theirs, atol=0.3)
     assert abs(ours.mean() - theirs.mean()) < 0.01
-
-
-def EMITTER_SKY():
-    return {"sky": EMITTERS["constant"]()}
 
 
 @pytest.mark.slow
@@ -290,9 +286,7 @@ def test_layers_survive_a_wide_filter(kit):
 
 
 def test_a_spectral_film_is_refused(kit):
-    """A film with its own channels is rendered as `direct` does, or refused in a sentence."""
-    camera = kit.sensor()
-    camera["film"] = {"type": "specfilm", "width": 16, "height": 16}
+    """A film with channels of its own is refused in a sentence."""
     try:
         mi.set_variant("llvm_ad_spectral")
         camera = kit.sensor()
@@ -303,8 +297,8 @@ def test_a_spectral_film_is_refused(kit):
             "band": {"type": "spectrum", "value": [(400, 1.0), (700, 1.0)]},
         }
         scene = mi.load_dict(kit.room(camera=camera))
-        with pytest.raises((InputError, RuntimeError), match="specfilm|film"):
-            mi.render(scene, integrator=mi.load_dict({"type": "visdirect"}), spp=4)
+        with pytest.raises(InputError, match="hdrfilm"):
+            mi.load_dict({"type": "visdirect"}).render(scene, spp=4)
     finally:
         mi.set_variant("llvm_ad_rgb")
 

@@ -11,7 +11,7 @@ KEY = "floor.bsdf.reflectance.value"
 
 
 def gradient(kit, integrator, seeds):
-    scene = mi.load_dict(kit.room())
+    scene = mi.load_dict(kit.room(), optimize=False)
     plugin = mi.load_dict(integrator)
     out = []
     for seed in seeds:
@@ -36,7 +36,7 @@ def test_backward_agrees_with_prb(kit):
 def test_gradients_agree_with_a_finite_difference(kit):
     """The image is linear in the floor's reflectance, so a difference is exact but for noise."""
     backward = gradient(kit, {"type": "visdirect"}, range(8)).mean(0).sum()
-    scene = mi.load_dict(kit.room())
+    scene = mi.load_dict(kit.room(), optimize=False)
     plugin = mi.load_dict({"type": "visdirect"})
     params = mi.traverse(scene)
     base = mi.Color3f(params[KEY])
@@ -49,7 +49,7 @@ def test_gradients_agree_with_a_finite_difference(kit):
 
 
 def test_a_plain_render_of_tracked_parameters_is_refused(kit):
-    scene = mi.load_dict(kit.room())
+    scene = mi.load_dict(kit.room(), optimize=False)
     params = mi.traverse(scene)
     dr.enable_grad(params[KEY])
     params.update()
@@ -59,7 +59,7 @@ def test_a_plain_render_of_tracked_parameters_is_refused(kit):
 
 @pytest.mark.parametrize("settings", [{"aovs": True}, {"mode": "consistent"}])
 def test_what_has_no_derivative_says_so(kit, settings):
-    scene = mi.load_dict(kit.room())
+    scene = mi.load_dict(kit.room(), optimize=False)
     plugin = mi.load_dict({"type": "visdirect", **settings})
     with pytest.raises((InputError, RuntimeError), match="no derivatives"):
         plugin.render_backward(scene, mi.traverse(scene), dr.zeros(mi.TensorXf, (32, 32, 3)))
