@@ -1,1 +1,1 @@
-"""Run time against error, beside every peer, in one run."""
+"""Measurements of what the package is worth, each run as ``python -m benchmarks.NAME``."""

@@ -109,7 +109,7 @@ def main(arguments: list[str] | None = None) -> None:
             results.pop(name, None)
             note("interrupted: reporting the scenes that are done")
             break
-    names = [n for n in names if n in shares]
+    names = [n for n in names if n in results and n in shares]
     results = {n: results[n] for n in names}
     memory = {n: direct_checks.peak_memory(n) for n in MEMORY if n in names and not options.quick}
 
@@ -147,7 +147,13 @@ def main(arguments: list[str] | None = None) -> None:
             f" centres, {light['jittered']:.1e} with jittered ones (what varies inside a pixel).\n"
         )
     if memory:
-        text += "\nPeak memory: " + ", ".join(f"{n} {b / 2**30:.2f} GiB" for n, b in memory.items()) + ".\n"
+        text += (
+            "\nPeak memory: "
+            + ", ".join(
+                f"{n} {b / 2**30:.2f} GiB" if np.isfinite(b) else f"{n}: the render failed" for n, b in memory.items()
+            )
+            + ".\n"
+        )
     if parts:
         tables = (direct_tables.ablation(parts), direct_tables.oracle(oracles))
         text += ABLATION.format(spp=64, seeds=direct_ablation.SEEDS, ablation=tables[0], oracle=tables[1])

@@ -57,7 +57,15 @@ def penumbra_share(s: Setup) -> float:
     return float(np.mean((fraction > 0.01) & (fraction < 0.99)))
 
 
-def peak_memory(name: str) -> int:
-    """Peak resident bytes of a fresh process that renders a scene at 1280×720 with 64 samples a pixel."""
-    out = subprocess.run([sys.executable, "-c", _MEMORY, name, mi.variant()], capture_output=True, text=True, check=True)
-    return int(out.stdout.split()[-1])
+def peak_memory(name: str) -> float:
+    """Peak resident bytes of a fresh process that renders a scene at 1280×720 with 64 samples a pixel.
+
+    Infinite where the process died: a render that fails has not met any limit.
+    """
+    command = [sys.executable, "-c", _MEMORY, name, mi.variant()]
+    out = subprocess.run(command, capture_output=True, text=True)
+    if out.returncode:
+        last = (out.stderr.strip().splitlines() or ["no message"])[-1]
+        print(f"{name} at 1280×720: the render failed with status {out.returncode}: {last}", file=sys.stderr)
+        return float("inf")
+    return float(out.stdout.split()[-1])
