@@ -28,8 +28,8 @@ def _random_2d(i, s0, s1):
 
 
 def _random_points():
-    modules = (camera, shading, passes)
-    return [patch.object(m, n, f) for m in modules for n, f in (("net_1d", _random_1d), ("net_2d", _random_2d))]
+    swaps = [(m, n, f) for m in (camera, shading, passes) for n, f in (("net_1d", _random_1d), ("net_2d", _random_2d))]
+    return [patch.object(m, n, f) for m, n, f in swaps if hasattr(m, n)]
 
 
 def _prepare_open(scene, original=visdirect.prepare):
