@@ -16,7 +16,7 @@ QUICK = ("penumbra", "wires", "manylights", "glossy")
 SCENES = [n if n in QUICK else pytest.param(n, marks=pytest.mark.slow) for n in scenes.names()]
 
 
-def check(reference, scene, seeds=24, spp=8, **integrator):
+def check(reference, scene, seeds=32, spp=16, **integrator):
     layers, _ = read_exr(HERE / f"{reference}.exr")
     mean = next(v for k, v in layers.items() if np.ndim(v) == 3 and "variance" not in k)
     spread = layers["variance"] if "variance" in layers else np.dstack([layers[f"variance.{c}"] for c in "RGB"])
@@ -35,7 +35,7 @@ def check(reference, scene, seeds=24, spp=8, **integrator):
         x[None, :-1],
         (v[:-1] + flat_v)[None],
         flat[None],
-        samples=12,
+        samples=seeds,
         mean_variance=v[-1] + flat_v.sum(0) / len(flat) ** 2,
         name=reference,
     )
