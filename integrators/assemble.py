@@ -12,7 +12,7 @@ from ..errors import InputError
 from ..visibility import VisibilityClass
 from .cells import window_sum
 
-BATCH = 1 << 22  # most hits a launch
+BATCH = 1 << 19  # most hits a launch; launches of 4 million have crashed inside the ray tracer
 
 
 class Clock:
@@ -51,7 +51,12 @@ def batches(decision, group):
         some = pixel[start:stop].astype(np.uint32)
         index = np.repeat(some, hits[some])
         first = np.repeat(ends[start:stop] - hits[some] - done, hits[some])
-        yield mi.UInt32(index), mi.UInt32((np.arange(len(index)) - first).astype(np.uint32))
+        number = (np.arange(len(index)) - first).astype(np.uint32)
+        lanes, numbers = mi.UInt32(index), mi.UInt32(number)
+        # Dr.Jit copies asynchronously: the NumPy arrays must outlive the copy
+        dr.eval(lanes, numbers)
+        dr.sync_thread()
+        yield lanes, numbers
         start = stop
 
 
