@@ -87,14 +87,16 @@ def decide(pilot, frame, classifier: str, grid: int, named: bool, refinement: bo
         spread += dr.sqrt(dr.maximum(f * (1 - f), PRIOR * PRIOR))
     spread /= len(fractions)
     # Noise from inside the pixel (edges, textures) shows as differences between neighbours
-    unshadowed, emitted = mi.luminance(pilot.bright), mi.luminance(pilot.emission)
-    tone = unshadowed * mean + emitted
+    b, e = mi.luminance(pilot.bright), mi.luminance(pilot.emission)
     one = mi.Float(dr.full(mi.Float, 1, frame.pixels))
-    sums = [tone, tone * tone, unshadowed, one]
-    s1, s2, around, count = cells.window_sum(sums, frame.width, frame.height, 1)
-    level = s1 / dr.maximum(count, 1)
-    camera = dr.maximum(s2 / dr.maximum(count, 1) - level * level, 0)
-    light = dr.square(around / dr.maximum(count, 1) * spread)
+    sums = cells.neighbor_sum([b, b * b, e, e * e, b * e, one], frame.width, frame.height)
+    count = dr.maximum(sums[5], 1)
+    b1, b2, e1, e2, be = (s / count for s in sums[:5])
+    # Neighbours' light is scaled by this pixel's guess: theirs would carry this pixel's own rays back to it
+    level = b1 * mean + e1
+    camera = mean * mean * (b2 - b1 * b1) + (e2 - e1 * e1) + 2 * mean * (be - b1 * e1)
+    camera = dr.maximum(camera, 0)
+    light = dr.square(b1 * spread)
     # As many shadow rays a hit as balance the two, given what a hit and a ray cost
     balance = dr.sqrt(HIT_COST * light / dr.maximum(camera, 1e-12 + 1e-6 * level * level))
     rays = mi.UInt32(1) << mi.UInt32(dr.clip(dr.round(dr.log2(dr.maximum(balance, 1))), 0, MAX_LOG_RAYS))
