@@ -32,7 +32,7 @@ EMITTERS = {
     "rectangle": lambda: {"type": "rectangle", "to_world": over(), "emitter": area()},
     "rectangle_sheared": lambda: {
         "type": "rectangle",
-        "to_world": over() @ T([[1, 0.6, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]),
+        "to_world": over() @ mi.ScalarTransform4f([[1, 0.6, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]),
         "emitter": area(),
     },
     "rectangle_flipped": lambda: {
@@ -146,8 +146,8 @@ def slowly(names, quick):
 
 @pytest.mark.parametrize("name", slowly(EMITTERS, QUICK_EMITTERS))
 def test_every_emitter(kit, name):
-    # Under a constant sky Mitsuba's two strategies differ by 0.4 %: the reference samples the emitter, as we do
-    strategy = {"emitter_samples": 1, "bsdf_samples": 0} if name == "constant" else {}
+    # Under a sky Mitsuba's two strategies differ by some 0.1 to 0.4 %: the reference samples the emitter, as we do
+    strategy = {"emitter_samples": 1, "bsdf_samples": 0} if name in ("constant", "envmap") else {}
     kit.compare(kit.room({"light": EMITTERS[name]()}), {"type": "direct", **strategy})
 
 
