@@ -12,7 +12,7 @@ from ..errors import InputError
 from ..visibility import VisibilityClass
 from .cells import window_sum
 
-BATCH = 1 << 19  # most hits a launch; launches of 4 million have crashed inside the ray tracer
+BATCH = 1 << 22  # most hits a launch: 32 MiB of lane lists
 
 
 class Clock:
@@ -39,25 +39,40 @@ def refuse_gradients(scene) -> None:
 
 
 def batches(decision, group):
-    """Yield the hits to render of the pixels in a group: each hit's pixel, and its number in the pixel."""
-    hits = np.array(dr.select(group, decision.hits, 0))
-    pixel = np.flatnonzero(hits)
-    ends = np.cumsum(hits[pixel])
+    """Yield the hits to render of the pixels in a group: each hit's pixel, and its number in the pixel.
+
+    The lists are made by Dr.Jit. Arrays that come from NumPy are borrowed, not copied, and lack the padding that kernels
+    read past the end.
+    """
+    hits = dr.select(group, decision.hits, 0)
+    pixel = dr.compress(hits > 0)
+    if dr.width(pixel) == 0:
+        return
+    hits = dr.gather(mi.UInt32, hits, pixel)
+    ends = dr.cumsum(hits)
+    bounds = np.array(ends, dtype=np.int64)
     start = 0
-    while start < len(pixel):
+    while start < len(bounds):
         # As many whole pixels as fit a launch
-        done = ends[start - 1] if start else 0
-        stop = max(int(np.searchsorted(ends, done + BATCH, side="right")), start + 1)
-        some = pixel[start:stop].astype(np.uint32)
-        index = np.repeat(some, hits[some])
-        first = np.repeat(ends[start:stop] - hits[some] - done, hits[some])
-        number = (np.arange(len(index)) - first).astype(np.uint32)
-        lanes, numbers = mi.UInt32(index), mi.UInt32(number)
-        # Dr.Jit copies asynchronously: the NumPy arrays must outlive the copy
-        dr.eval(lanes, numbers)
-        dr.sync_thread()
-        yield lanes, numbers
+        done = int(bounds[start - 1]) if start else 0
+        stop = max(int(np.searchsorted(bounds, done + BATCH, side="right")), start + 1)
+        some = dr.arange(mi.UInt32, stop - start) + dr.opaque(mi.UInt32, start)
+        yield _numbered(dr.gather(mi.UInt32, pixel, some), dr.gather(mi.UInt32, hits, some),
+                        dr.gather(mi.UInt32, ends, some) - dr.opaque(mi.UInt32, done), int(bounds[stop - 1]) - done)
         start = stop
+
+
+@dr.syntax
+def _numbered(pixel, hits, end, count):
+    # Every pixel writes the lanes of its own hits
+    lanes, numbers = dr.zeros(mi.UInt32, count), dr.zeros(mi.UInt32, count)
+    k = mi.UInt32(0)
+    while k < hits:
+        dr.scatter(lanes, pixel, end - hits + k)
+        dr.scatter(numbers, k, end - hits + k)
+        k += 1
+    dr.eval(lanes, numbers)
+    return lanes, numbers
 
 
 class Totals:

@@ -116,13 +116,14 @@ def allocate(decision, frame, seed, budget: float, max_rays: int, pilot_rays: in
         # Enough hits for the error wanted, at the rate at which stratified hits converge
         most = dr.minimum(most, dr.ceil(dr.power(decision.error / threshold, 1.5)))
     dr.eval(share, cost, most)
-    scale = float(budget / max(dr.sum(share * cost)[0], 1e-20))
+    # The scale stays opaque: as a literal it would make a new kernel of every render
+    scale = dr.opaque(mi.Float, float(budget / max(dr.sum(share * cost)[0], 1e-20)))
     # Pixels at their limit hand on what they cannot use
     for _ in range(4):
         spent = float(dr.sum(dr.minimum(share * scale, most) * cost)[0])
         if spent <= 0 or spent >= 0.995 * budget:
             break
-        scale *= min(budget / spent, 4.0)
+        scale = dr.opaque(mi.Float, scale[0] * min(budget / spent, 4.0))
     wanted = dr.minimum(share * scale, most)
     jitter = mi.sample_tea_float32(dr.arange(mi.UInt32, frame.pixels), ~seed, 4)
     # Powers of two, where the points form nets: the two nearest are mixed so that the expected number is as wanted

@@ -53,7 +53,8 @@ def define(base):
         threshold : float
             Stop at this relative error; 0 (default) spends the budget.
         max_rays : int
-            Most shadow rays a pixel (default 512).
+            Most shadow rays a pixel. Where it is not given: 512, or 32 a sample if that is more, so that busy pixels do
+            not hold up a long render.
         refine : bool
             Visit undecided light cells more often (default false: it measured slower).
         aovs : bool
@@ -67,6 +68,7 @@ def define(base):
             self.grid = number("light_grid", props.get("light_grid", 4), 2, 4)
             self.classifier = choice("classifier", props.get("classifier", "mlp"), CLASSIFIERS)
             self.threshold = number("threshold", props.get("threshold", 0.0), 0.0)
+            self.limited = props.has_property("max_rays")
             self.max_rays = number("max_rays", props.get("max_rays", 512), 1)
             self.refine = props.get("refine", False)
             self.aovs = props.get("aovs", False)
@@ -124,7 +126,8 @@ def define(base):
             decision = decide(look, frame, self.classifier, self.grid, self.aovs, self.refine and shading.lambert)
             dr.eval(vars(decision))
             budget = frame.pixels * max(2 * spp - 1 - pilot_rays, 0) if shading.lights.count else 0
-            allocate(decision, frame, seed, budget, self.max_rays, pilot_rays, self.threshold)
+            most = self.max_rays if self.limited else max(self.max_rays, 32 * spp)
+            allocate(decision, frame, seed, budget, most, pilot_rays, self.threshold)
             dr.eval(decision.hits, decision.pilot_weight)
             clock.lap("classification")
 
