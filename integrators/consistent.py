@@ -12,7 +12,7 @@ import mitsuba as mi
 
 from .cells import window_sum
 
-RADIUS = 3  # share within 7×7 pixels
+RADIUS = 2  # share within 5×5 pixels
 TOLERANCE = 1.0  # of what noise explains
 
 
@@ -73,15 +73,29 @@ def smooth(total, image):
     return out
 
 
+def _packed(columns: list):
+    """Interleave images, sixteen floats a pixel, so that one pixel's values are read with a few wide loads."""
+    flat = dr.zeros(mi.Float, 16 * dr.width(columns[0]))
+    index = dr.arange(mi.UInt32, dr.width(columns[0])) * 16
+    for c, column in enumerate(columns):
+        dr.scatter(flat, mi.Float(column), index + c)
+    dr.eval(flat)
+    return flat
+
+
 @dr.syntax
 def _share(frame, index, a, b, mean_a, mean_b, noise, count, known, normal, point):
+    # Half-buffer means over `count` pixels have a variance of noise/count; unknown pixels carry a negative one
+    spread = dr.select(known, noise / count, -1)
+    data = _packed([mean_a, mean_b, spread, a.x, a.y, a.z, b.x, b.y, b.z, normal.x, normal.y, normal.z, point.x, point.y,
+                    point.z])
+    read = lambda at, active, k: dr.gather(mi.Vector4f, data, 4 * at + k, active)  # noqa: E731
     width, height = dr.opaque(mi.Int32, frame.width), dr.opaque(mi.Int32, frame.height)
     x, y = mi.Int32(index) % width, mi.Int32(index) // width
-    here_a, here_b = dr.gather(mi.Float, mean_a, index), dr.gather(mi.Float, mean_b, index)
-    # Half-buffer means over `count` pixels have a variance of noise/count
-    here_v = dr.gather(mi.Float, noise, index) / dr.gather(mi.Float, count, index)
-    here_n, here_p = dr.gather(mi.Vector3f, normal, index), dr.gather(mi.Point3f, point, index)
-    sum_a, sum_b = dr.gather(mi.Color3f, a, index), dr.gather(mi.Color3f, b, index)
+    always = mi.Bool(True)
+    h0, h1, h2, h3 = (read(index, always, k) for k in range(4))
+    here_n, here_p = mi.Vector3f(h2.y, h2.z, h2.w), mi.Point3f(h3.x, h3.y, h3.z)
+    sum_a, sum_b = mi.Color3f(h0.w, h1.x, h1.y), mi.Color3f(h1.z, h1.w, h2.x)
     weight_a, weight_b = mi.Float(1), mi.Float(1)
     side = 2 * RADIUS + 1
     o = mi.Int32(0)
@@ -89,19 +103,17 @@ def _share(frame, index, a, b, mean_a, mean_b, noise, count, known, normal, poin
         u, v = x + o % side - RADIUS, y + o // side - RADIUS
         at = mi.UInt32(v * width + u)
         inside = (u >= 0) & (u < width) & (v >= 0) & (v < height) & (o != (side * side) // 2)
-        inside &= dr.gather(mi.Bool, known, at, inside)
+        t0, t1, t2, t3 = (read(at, inside, k) for k in range(4))
         # The same surface: alike normals, and a step that stays in the tangent plane
-        m, q = dr.gather(mi.Vector3f, normal, at, inside), dr.gather(mi.Point3f, point, at, inside)
-        step = q - here_p
-        inside &= (dr.dot(m, here_n) > 0.95) & (dr.abs(dr.dot(step, here_n)) < 0.2 * dr.norm(step))
-        there_v = dr.gather(mi.Float, noise, at, inside) / dr.gather(mi.Float, count, at, inside)
-        scale = TOLERANCE * (here_v + there_v) + 1e-7
-        da = dr.square(here_a - dr.gather(mi.Float, mean_a, at, inside))
-        db = dr.square(here_b - dr.gather(mi.Float, mean_b, at, inside))
+        step = mi.Point3f(t3.x, t3.y, t3.z) - here_p
+        inside &= (t0.z >= 0) & (dr.dot(mi.Vector3f(t2.y, t2.z, t2.w), here_n) > 0.95)
+        inside &= dr.abs(dr.dot(step, here_n)) < 0.2 * dr.norm(step)
+        scale = TOLERANCE * (h0.z + t0.z) + 1e-7
         # Each half is weighted by the other
-        wa, wb = dr.select(inside, dr.exp(-db / scale), 0), dr.select(inside, dr.exp(-da / scale), 0)
-        sum_a += wa * dr.gather(mi.Color3f, a, at, inside)
-        sum_b += wb * dr.gather(mi.Color3f, b, at, inside)
+        wa = dr.select(inside, dr.exp(-dr.square(h0.y - t0.y) / scale), 0)
+        wb = dr.select(inside, dr.exp(-dr.square(h0.x - t0.x) / scale), 0)
+        sum_a += wa * mi.Color3f(t0.w, t1.x, t1.y)
+        sum_b += wb * mi.Color3f(t1.z, t1.w, t2.x)
         weight_a += wa
         weight_b += wb
         o += 1
