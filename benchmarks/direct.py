@@ -44,6 +44,15 @@ one of least error × time at that budget.
 {errors}
 """
 
+BIAS = """
+## Bias and the error layer
+The mean of {seeds} seeds at {spp} samples a pixel against as many renders of `direct` with multijitter at 64, by the class
+of the pixel: difference ± standard error, relative to the mean over the class, in parts per million (z). The last column is
+the rms of the `error` layer over the rms error measured between seeds.
+
+{bias}
+"""
+
 ABLATION = """
 ## What each part adds
 Error · time = their product, each over that of the full integrator, at {spp} samples a pixel: above 1 means that the
@@ -72,12 +81,12 @@ def main(arguments: list[str] | None = None) -> None:
     mi.set_variant(options.variant)
 
     # These define kernels and patches for the active variant
-    from . import direct_ablation, direct_checks, direct_plots, direct_runs, direct_stats, direct_tables
+    from . import direct_ablation, direct_bias, direct_checks, direct_plots, direct_runs, direct_stats, direct_tables
 
     names = options.scenes.split(",") if options.scenes else intervis.scenes.names()
     width, height = (240, 135) if options.quick else (480, 270)
     samples = min(options.reference, 1024) if options.quick else options.reference
-    results, references, shares, parts, oracles, light = {}, {}, {}, {}, {}, {}
+    results, references, shares, parts, oracles, light, bias = {}, {}, {}, {}, {}, {}, {}
     start = time.perf_counter()
 
     def note(text):
@@ -85,10 +94,11 @@ def main(arguments: list[str] | None = None) -> None:
 
     def measure(name):
         s = direct_runs.setup(name, width, height)
+        note(f"{name}: bias")
+        bias[name] = direct_bias.bias(direct_runs.setup(name, width // 2, height // 2), seeds=8 if options.quick else 64)
         if name == "openfloor":
             note("openfloor: light noise")
             light.update(direct_checks.light_noise(s))
-            return
         note(f"{name}: reference")
         direct_runs.add_reference(s, options.cache, samples)
         references[name] = s.reference_error
@@ -137,7 +147,7 @@ def main(arguments: list[str] | None = None) -> None:
         width=width,
         height=height,
         repeats=options.repeats,
-        figures=direct_tables.figures(ratios, overhead, light, memory),
+        figures=direct_tables.figures(ratios, overhead, light, memory, direct_bias.verdict(bias)),
         scenes=direct_tables.scenes(results, ratios, shares),
         errors=direct_tables.errors(results, references),
     )
@@ -157,6 +167,7 @@ def main(arguments: list[str] | None = None) -> None:
     if parts:
         tables = (direct_tables.ablation(parts), direct_tables.oracle(oracles))
         text += ABLATION.format(spp=64, seeds=direct_ablation.SEEDS, ablation=tables[0], oracle=tables[1])
+    text += BIAS.format(seeds=direct_bias.SEEDS, spp=direct_bias.SPP, bias=direct_tables.bias(bias))
     (options.output / "table.md").write_text(text)
     if results:
         direct_tables.write_csv(options.output / "table.csv", results)

@@ -39,7 +39,7 @@ class Run:
 
     family: str  # "mitsuba", "unbiased" or "consistent"
     setting: str
-    budget: int  # samples a pixel of the competitor with one emitter sample
+    budget: int  # samples a pixel (spp)
     render: object  # callable of a seed, returns the image and its integrator
     times: list = field(default_factory=list)
     errors: list = field(default_factory=list)
@@ -68,14 +68,13 @@ def image(tensor) -> np.ndarray:
     return np.array(tensor)[..., :3]
 
 
-def direct(s: Setup, sampler: str, emitter_samples: int, budget: int, **extra) -> Run:
-    """Make a configuration of Mitsuba's: the budget over the emitter samples is its spp, so shadow rays match."""
-    spp = budget // emitter_samples
+def direct(s: Setup, sampler: str, emitter_samples: int, spp: int, **extra) -> Run:
+    """Make a configuration of Mitsuba's, with so many emitter samples for each of ``spp`` camera rays."""
     bsdf_samples = 0 if s.diffuse else 1
     integrator = mi.load_dict({"type": "direct", "emitter_samples": emitter_samples, "bsdf_samples": bsdf_samples, **extra})
     render = lambda seed: (integrator.render(s.scene, s.sensors[sampler], seed=seed, spp=spp), None)  # noqa: E731
     rays = spp * (1 + emitter_samples + bsdf_samples)
-    return Run("mitsuba", f"{sampler} ×{emitter_samples}", budget, render, rays=rays)
+    return Run("mitsuba", f"{sampler} ×{emitter_samples}", spp, render, rays=rays)
 
 
 def visdirect(s: Setup, mode: str, spp: int, **extra) -> Run:

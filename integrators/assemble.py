@@ -11,8 +11,10 @@ import numpy as np
 from ..errors import InputError
 from ..visibility import VisibilityClass
 from .cells import window_sum
+from .decide import weight_of_pilot
 
 BATCH = 1 << 22  # most hits a launch: 32 MiB of lane lists
+RATE = 1.5  # variance of stratified hits falls as their number to this power
 
 
 class Clock:
@@ -38,13 +40,12 @@ def refuse_gradients(scene) -> None:
         )
 
 
-def batches(decision, group):
-    """Yield the hits to render of the pixels in a group: each hit's pixel, and its number in the pixel.
+def batches(hits):
+    """Yield a number of hits in each pixel, a launch at a time: each hit's pixel, and its number in the pixel.
 
     The lists are made by Dr.Jit. Arrays that come from NumPy are borrowed, not copied, and lack the padding that kernels
     read past the end.
     """
-    hits = dr.select(group, decision.hits, 0)
     pixel = dr.compress(hits > 0)
     if dr.width(pixel) == 0:
         return
@@ -88,9 +89,26 @@ class Totals:
         self.block = None if self.plain else film.create_block()
         if self.block is not None:
             self.block.set_coalesce(False)
-            value, _ = self._pilot()
-            weight = decision.pilot_weight
-            self.block.put(mi.Point2f(pilot.position), self._channels(value, pilot.alpha, weight))
+            self._put_pilot(1.0)
+
+    def _put_pilot(self, share):
+        value, _ = self._pilot()
+        weight = self.decision.pilot_weight * share
+        self.block.put(mi.Point2f(self.pilot.position), self._channels(value, self.pilot.alpha, weight))
+
+    def double(self, grow) -> None:
+        """Make room for as many hits again where ``grow``: what is there becomes the first half."""
+        for i in range(3):
+            self.first[i] += dr.select(grow, self.second[i], 0)
+            self.second[i] = dr.select(grow, 0, self.second[i])
+        d = self.decision
+        d.hits = dr.select(grow, 2 * d.hits, d.hits)
+        d.pilot_weight = weight_of_pilot(d.hits)
+        dr.eval(d.hits, d.pilot_weight, self.first, self.second)
+        if self.block is not None:
+            # Old and new halves weigh the same; only a pixel at its limit keeps a lower weight in the filter
+            self.block.tensor()[:] = 0.5 * self.block.tensor()
+            self._put_pilot(0.5)
 
     def _channels(self, colour, alpha, weight):
         # Unequal counts must not pull the filter towards busy pixels: each hit weighs one over its pixel's number
@@ -149,18 +167,18 @@ class Totals:
     def error(self):
         """Standard error a pixel and channel: from the difference of a pixel's halves, smoothed over its neighbours."""
         a, b = self.halves()
-        known = dr.select(self.decision.hits >= 2, mi.Float(1), mi.Float(0))
-        squares = [dr.square(0.5 * (x - y)) * known for x, y in zip(a, b, strict=True)]
-        n = mi.Float(dr.maximum(self.decision.hits, 1))
-        # Neighbours differ in their hits: compare what a single hit would do
-        scaled = [q * n for q in squares]
-        near = window_sum(scaled + [known], self.frame.width, self.frame.height, 1)
-        count = near[3] + known
         image = self.image()
-        level = mi.luminance(image)
-        guess = dr.square(self.decision.error) * (level * level + 0.01)
-        per_hit = [dr.select(count > 0, (s + q) / dr.maximum(count, 1), guess) for s, q in zip(near[:3], scaled, strict=True)]
-        return mi.Color3f([dr.sqrt(v / n) for v in per_hit])
+        known = dr.select(self.decision.hits >= 2, mi.Float(1), mi.Float(0))
+        # Neighbours differ in brightness and hits; budgets make their relative errors alike
+        level = dr.square(mi.luminance(image)) + 0.01
+        # Halves of a net are worse than half as good, so their difference overstates the error of the whole
+        scale = known / level * (0.25 * 2 ** (1 - RATE))
+        squares = [dr.square(x - y) * scale for x, y in zip(a, b, strict=True)]
+        near = window_sum(squares + [known], self.frame.width, self.frame.height, 1)
+        count = near[3] + known
+        guess = dr.square(self.decision.error) * dr.power(mi.Float(dr.maximum(self.decision.hits, 1)), -RATE)
+        one = [dr.select(count > 0, (s + q) / dr.maximum(count, 1), guess) for s, q in zip(near[:3], squares, strict=True)]
+        return mi.Color3f([dr.sqrt(v * level) for v in one])
 
     def relative_error(self, image, error) -> float:
         """Root of the image's expected mean relative squared error."""

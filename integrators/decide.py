@@ -131,5 +131,9 @@ def allocate(decision, frame, seed, budget: float, max_rays: int, pilot_rays: in
     high = dr.select(wanted >= 1, 2 * low, 1)
     hits = dr.select(jitter * (high - low) < wanted - low, high, low)
     decision.hits = mi.UInt32(dr.minimum(hits, dr.select(most >= 1, dr.exp2(dr.floor(dr.log2(dr.maximum(most, 1)))), 0)))
-    # The pilot is one hit of few rays without guidance; its weight may not depend on its own outcome
-    decision.pilot_weight = dr.select(decision.hits == 0, 1, dr.rcp(1 + PILOT * dr.power(mi.Float(decision.hits), 1.3)))
+    decision.pilot_weight = weight_of_pilot(decision.hits)
+
+
+def weight_of_pilot(hits):
+    """Weight of the pilot in a pixel of so many hits: one hit of few rays; it may not depend on its own outcome."""
+    return dr.select(hits == 0, 1, dr.rcp(1 + PILOT * dr.power(mi.Float(hits), 1.3)))

@@ -51,7 +51,8 @@ def define(base):
         classifier : str
             ``mlp`` (default), ``svm`` or ``threshold``: names the configuration in the layers.
         threshold : float
-            Stop at this relative error; 0 (default) spends the budget.
+            Stop where the estimated relative error of the image, the root of its mean relative squared error, is below
+            this; 0 (default) spends the budget. ``spp`` stays the limit.
         max_rays : int
             Most shadow rays a pixel. Where it is not given: 512, or 32 a sample if that is more, so that busy pixels do
             not hold up a long render.
@@ -68,7 +69,7 @@ def define(base):
             self.grid = number("light_grid", props.get("light_grid", 4), 2, 4)
             self.classifier = choice("classifier", props.get("classifier", "mlp"), CLASSIFIERS)
             self.threshold = number("threshold", props.get("threshold", 0.0), 0.0)
-            self.limited = props.has_property("max_rays")
+            self.limited = "max_rays" in props
             self.max_rays = number("max_rays", props.get("max_rays", 512), 1)
             self.refine = props.get("refine", False)
             self.aovs = props.get("aovs", False)
@@ -133,12 +134,20 @@ def define(base):
 
             # Spend
             total = assemble.Totals(frame, film, look, decision, self.mode == "consistent")
-            for refine in (False, True) if self.refine else (False,):
-                for index, s in assemble.batches(decision, decision.refine == refine):
-                    total.add(index, s, passes.spend(shading, frame, seed, index, s, decision, refine))
+            self._spend(total, shading, seed, decision.hits, dr.zeros(mi.UInt32, frame.pixels))
+            image, error = total.image(), total.error()
+            # Twice as many hits for as long as the error measured over the whole image is above the one wanted
+            while self.threshold > 0 and total.relative_error(image, error) > self.threshold:
+                done = mi.UInt32(decision.hits)
+                grow = (done > 0) & (2 * done * decision.rays + pilot_rays <= most)
+                cost = dr.sum(mi.Float(dr.select(grow, 2 * done, done)) * mi.Float(decision.rays + 1))[0]
+                if cost > budget or not dr.any(grow):
+                    break
+                total.double(grow)
+                self._spend(total, shading, seed, dr.select(grow, done, 0), done)
+                image, error = total.image(), total.error()
             clock.lap("refinement")
 
-            image, error = total.image(), total.error()
             if self.mode == "consistent" and shading.lights.count:
                 image = consistent.smooth(total, image)
                 clock.lap("filter")
@@ -149,6 +158,14 @@ def define(base):
             clock.lap("film")
             self.report = self._account(total, shading, clock, begin, image, error)
             return result
+
+        def _spend(self, total, shading, seed, hits, done):
+            # ``hits`` more in each pixel, after ``done``
+            d = total.decision
+            for refine in (False, True) if self.refine else (False,):
+                for index, s in assemble.batches(dr.select(d.refine == refine, hits, 0)):
+                    s += dr.gather(mi.UInt32, done, index)
+                    total.add(index, s, passes.spend(shading, total.frame, seed, index, s, d, refine))
 
         def _account(self, total, shading, clock, begin, image, error):
             rays, skipped, classes = total.account(shading, self.aovs)
