@@ -58,6 +58,11 @@ def _run(options: argparse.Namespace, command: str) -> int:
 
         return doctor.command()
 
+    if options.command == "heightfield":
+        from .heightfield import command as heightfield
+
+        return heightfield.run(options, command)
+
     from . import scenes
 
     for name in scenes.names():
@@ -93,7 +98,7 @@ def _parser() -> _Parser:
         help="a parameter of the integrator, or with scene.KEY=VALUE of the scene; may be repeated",
     )
     render.add_argument("--aovs", action="store_true", help="add the layers of visibility, rays and error")
-    render.add_argument("--threshold", type=float, metavar="E", help="stop a pixel at this relative error")
+    render.add_argument("--threshold", type=float, metavar="E", help="stop at this relative error of the image")
     render.add_argument("--png", action="store_true", help="also write sRGB PNGs of picture and maps")
 
     compare = commands.add_parser(
@@ -112,9 +117,36 @@ def _parser() -> _Parser:
     compare.add_argument("--fail-above", type=float, metavar="X", help="exit with 1 above this difference")
     compare.add_argument("-o", "--output", metavar="DIFF.png", help="write a picture of the difference")
 
+    _heightfield(commands)
     commands.add_parser("scenes", help="list the built-in scenes")
     commands.add_parser("doctor", help="say what works here, and what to do about the rest")
     return parser
+
+
+def _heightfield(commands) -> None:
+    # Names are spelled out here: importing the module would cost every command a second
+    fields, default = "fractal, brick, sine, blocks, random, bowl, groove", "default: %(default)s"
+    products = "irradiance, skyview, horizons, shadow"
+    p = commands.add_parser(
+        "heightfield",
+        help="horizons, sky view, shadow and irradiance of a height map",
+        description="Light a height map (.tif .npz .npy .exr .png, or a built-in field) and write the products. "
+        "Angles are in degrees, clockwise from north.",
+    )
+    p.add_argument("dem", metavar="DEM", help=f"a file, 'jacksboro' (real terrain), or {fields}")
+    p.add_argument("-o", "--output", metavar="OUT", help=".exr, .tif or .npz (default: DEM.light.tif or DEM.exr)")
+    p.add_argument("--products", default="irradiance", metavar="A,B", help=f"of {products} ({default})")
+    p.add_argument("--azimuths", type=int, default=64, metavar="K", help="directions (default: %(default)s)")
+    p.add_argument("--sun", metavar="AZ,EL,W", help="azimuth, elevation, W/m² facing the sun")
+    p.add_argument("--sky", default="1", metavar="W|FILE.exr", help="radiance, W/(m² sr), or an environment map, up first")
+    p.add_argument("--albedo", type=float, default=0.3, metavar="A", help="default: %(default)s")
+    p.add_argument("--bounces", type=int, default=2, metavar="B", help="default: %(default)s")
+    p.add_argument("--preview", metavar="OUT.png", help="write a picture too")
+    p.add_argument("--spacing", metavar="M|DY,DX", help="metres between samples (default: the file's, or 1)")
+    p.add_argument("--size", type=int, default=256, metavar="N", help=f"samples a side of a built-in field ({default})")
+    p.add_argument("--nodata-policy", default="block", metavar="P", help="block, transparent or fill (default: %(default)s)")
+    p.add_argument("--curvature", action="store_true", help="let the Earth curve away, with refraction")
+    p.add_argument("--radius", type=float, metavar="M", help="look no farther than so many metres")
 
 
 if __name__ == "__main__":

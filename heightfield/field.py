@@ -1,0 +1,384 @@
+"""`HeightField`: a height map, and what its points see of each other and of the sky."""
+
+from __future__ import annotations
+
+import atexit
+import shutil
+import tempfile
+import time
+from pathlib import Path
+
+import numpy as np
+
+from ..errors import InputError
+from ..report import Report
+from . import gather, hull, light, march, surface, visible
+from .check import choice, grid, number, spacing_of
+from .sweep import azimuths_of, direction
+
+EARTH = 6_371_000.0  # m
+REFRACTION = 0.13  # of the Earth's curvature, standard for light near the ground
+POLICIES = ("block", "transparent", "fill")
+METHODS = ("auto", "tree", "march")
+
+
+class HeightField:
+    """A field of heights over a regular grid.
+
+    The surface is the triangulated grid: straight from sample to sample, every cell cut from its north-west to its
+    south-east corner. Receivers are the samples. Beyond the border there is nothing.
+
+    Parameters
+    ----------
+    heights : (rows, columns) array
+        Metres; row 0 is north, column 0 west. Any real dtype; kept as float64.
+    spacing : float or (float, float)
+        Metres between samples, or between rows and between columns (dy, dx).
+    nodata : float, optional
+        A height that means "unknown"; NaN always does.
+    nodata_policy : {"block", "transparent", "fill"}
+        What unknown points do to their surroundings: stand like a wall (default), let light pass, or take the height of
+        the nearest known point. Results at unknown points are NaN, except with "fill".
+    curvature : bool or float
+        Let the Earth curve away: True for its radius and a refraction of 0.13, a number for another refraction coefficient.
+    radius : float, optional
+        Do not look farther than so many metres.
+
+    Attributes
+    ----------
+    heights : (rows, columns) float64 array
+        As used: unknown points replaced by the policy.
+    valid : (rows, columns) bool array
+    spacing : (float, float)
+    georeference : object or None
+        What a GeoTIFF said of itself; written back with products.
+    report : Report
+        Of the latest method.
+
+    Raises
+    ------
+    InputError
+        If a parameter cannot be used.
+    """
+
+    def __init__(self, heights, spacing=1.0, *, nodata=None, nodata_policy="block", curvature=False, radius=None):
+        values = grid("heights", heights)
+        self.spacing = spacing_of(spacing)
+        self.policy = choice("nodata_policy", nodata_policy, POLICIES)
+        self.radius = None if radius is None else number("radius", radius, 0.0, open_low=True)
+        refraction = REFRACTION if isinstance(curvature, (bool, np.bool_)) else number("curvature", curvature, 0.0, 0.999)
+        on = curvature is not False
+        self.curve = (1 - refraction) / (2 * EARTH) if on else 0.0
+        self.valid = np.isfinite(values)
+        if nodata is not None:
+            self.valid &= values != nodata
+        if not self.valid.any():
+            raise InputError("'heights' must have at least one known height (got none: all are nodata or not finite)")
+        self.heights = _known(values, self.valid, self.policy, self.spacing)
+        if self.policy == "fill":
+            self.valid = np.ones_like(self.valid)
+        # Sweeps run in float32: centred, or heights far from zero would lose their centimetres
+        self.centre = float(np.mean(self.heights[self.valid]))
+        self._turned = (self.heights - self.centre).astype(np.float32)
+        self.georeference = None
+        self.report = Report()
+
+    @classmethod
+    def from_file(cls, path, **options) -> HeightField:
+        """Read a height field from a .tif, .npz, .npy, .exr or .png file.
+
+        Parameters
+        ----------
+        path : path-like
+        **options
+            As for `HeightField`; ``spacing`` and ``nodata`` override what the file says.
+
+        Returns
+        -------
+        HeightField
+        """
+        from .sources import read
+
+        heights, found, georeference = read(Path(path))
+        field = cls(heights, **{**found, **options})
+        field.georeference = georeference
+        return field
+
+    # --- What points see -------------------------------------------------------------------------------------------
+
+    def horizons(self, azimuths=72, *, method="auto", progress=None) -> np.ndarray:
+        """Elevation of the horizon around every point.
+
+        Parameters
+        ----------
+        azimuths : int or array
+            How many, equally spaced from north, or which: radians clockwise from north.
+        method : {"auto", "tree", "march"}
+            "march" looks at every edge that the ray crosses and is exact on the surface; "tree" finds where the horizon is
+            with hulls shared by neighbouring rays, then looks only there (see `hull`). "auto" takes the tree unless
+            ``radius`` makes the march short.
+        progress : callable, optional
+            Called with (directions done, directions).
+
+        Returns
+        -------
+        (K, rows, columns) float32 array
+            Radians above the horizontal, negative where the view goes down; −π/2 where nothing of the field lies in the
+            direction; NaN at unknown points.
+        """
+        k = azimuths_of(azimuths)
+        out = np.empty((len(k), *self.heights.shape), dtype=np.float32)
+        with self._reported(len(k)):
+            for n, t in enumerate(self._tangents(k, method, progress)):
+                np.arctan(t, out=out[n])
+                out[n][~self.valid] = np.nan
+        return out
+
+    def sky_view(self, azimuths=72, *, weighting="cosine", method="auto", progress=None) -> np.ndarray:
+        """Share of the sky that every point sees.
+
+        Parameters
+        ----------
+        azimuths, method, progress
+            As in `horizons`.
+        weighting : {"cosine", "solid_angle"}
+            "cosine": irradiance under a uniform sky over that of an open horizontal plane; "solid_angle": solid angle of
+            the visible sky over that of the upper hemisphere.
+
+        Returns
+        -------
+        (rows, columns) float32 array
+            In [0, 1].
+        """
+        choice("weighting", weighting, ("cosine", "solid_angle"))
+        k = azimuths_of(azimuths)
+        total = np.zeros(self.heights.shape)
+        n = surface.normals(self.heights, self.spacing)
+        with self._reported(len(k)):
+            for az, t in zip(k, self._tangents(k, method, progress), strict=True):
+                if weighting == "cosine":
+                    total += light.sky_share(t, n, az)
+                else:
+                    # Below the horizontal there is no sky
+                    e = np.arctan(np.maximum(t, 0, dtype=np.float64))
+                    total += 1 - np.sin(e)
+        out = np.clip(total / len(k), 0, 1).astype(np.float32)
+        out[~self.valid] = np.nan
+        return out
+
+    def shadow(self, azimuth: float, elevation: float, *, radius: float = light.SUN_RADIUS, method="auto") -> np.ndarray:
+        """Share of the sun's disk that every point sees.
+
+        Parameters
+        ----------
+        azimuth, elevation : float
+            Of the sun's centre, in radians.
+        radius : float
+            Angular radius of the disk in radians (default 0.2666°); 0 for a point.
+
+        Returns
+        -------
+        (rows, columns) float32 array
+            1 in full sun, 0 in shadow. The horizon is taken as level over the width of the disk.
+        """
+        number("azimuth", azimuth)
+        number("elevation", elevation, -np.pi / 2, np.pi / 2)
+        number("radius", radius, 0.0, np.pi / 2)
+        with self._reported(1):
+            (t,) = self._tangents(np.array([azimuth]), method)
+        out = light.disk_share(np.arctan(t.astype(np.float64)), elevation, radius).astype(np.float32)
+        out[~self.valid] = np.nan
+        return out
+
+    def intervisibility(self, azimuth: float, *, method="auto"):
+        """Local horizons of every point in one direction (§4): where each visible stretch of the surface ends.
+
+        Parameters
+        ----------
+        azimuth : float
+            Radians clockwise from north.
+
+        Returns
+        -------
+        offsets : (rows · columns + 1,) int64 array
+            Point ``i``'s horizons are entries ``offsets[i]`` to ``offsets[i + 1]``, nearest first.
+        distances : (m,) float32 array
+            Horizontal metres.
+        angles : (m,) float32 array
+            Elevation in radians.
+        """
+        number("azimuth", azimuth)
+        choice("method", method, METHODS)
+        d = direction(azimuth, self.spacing)
+        with self._reported(1):
+            return visible.local_horizons(d, self._turned, self.curve, self._reach(d))
+
+    # --- Light -----------------------------------------------------------------------------------------------------
+
+    def irradiance(
+        self, sky=1.0, sun=None, albedo=0.3, emission=None, bounces=2, azimuths=64, *, method="auto", progress=None
+    ) -> np.ndarray:
+        """Irradiance of every point from sky, sun and the rest of the field.
+
+        Parameters
+        ----------
+        sky : float, (channels,) array, callable or (h, w, channels) array
+            Radiance in W/(m² sr): constant; a function of azimuth and elevation arrays (radians) that returns
+            (..., channels); or an environment map, its first row straight up and its columns clockwise from north, as
+            Mitsuba's ``envmap`` has them after ``rotate([1, 0, 0], 90)``.
+        sun : (azimuth, elevation, irradiance) or (azimuth, elevation, irradiance, radius), optional
+            Direction in radians, irradiance on a plane facing the sun in W/m² (number or (channels,)), and angular radius.
+        albedo : float, (channels,) array or (rows, columns[, channels]) array
+            Of the diffuse surface, in [0, 1].
+        emission : the same kinds, optional
+            Radiance that the surface itself sends out.
+        bounces : int
+            Reflections on the way to the receiver; 0 is direct light.
+        azimuths : int or array
+            Directions over which light is gathered.
+
+        Returns
+        -------
+        (rows, columns, channels) float32 array
+            W/m²; NaN at unknown points.
+        """
+        choice("method", method, METHODS)
+        number("bounces", bounces, 0, whole=True)
+        k = azimuths_of(azimuths)
+        parts = {"albedo": albedo, "emission": 0.0 if emission is None else emission}
+        channels = light.channels_of(sky, sun, *parts.values())
+        albedo, emission = (light.image(n, v, self.heights.shape, channels) for n, v in parts.items())
+        if np.nanmin(albedo) < 0 or np.nanmax(albedo) > 1:
+            raise InputError(f"'albedo' must be in [0, 1] (got {np.nanmin(albedo):g} to {np.nanmax(albedo):g})")
+        n = surface.normals(self.heights, self.spacing)
+        columns = light.sky_columns(sky, k, channels)
+        total = len(k) * (1 + bounces + (emission > 0).any())
+        with self._reported(len(k)):
+            # Direct light: sky above the horizons, and the sun
+            direct = np.zeros((channels, *self.heights.shape), dtype=np.float32)
+            # By marching, as the gather does: what the one calls sky the other must not call surface
+            for i, t in enumerate(self._tangents(k, "march" if method == "auto" else method)):
+                self._above(k[i], t, n, gather.sky_table(columns[i]), direct, 2 * np.pi / len(k))
+                if progress:
+                    progress(i + 1, total)
+            if sun is not None:
+                direct += light.sunlight(self, sun, n, channels)
+            done = len(k)
+
+            def bounce(radiance):
+                nonlocal done
+                out = self._gather(k, n, radiance, progress and (lambda i, _: progress(done + i, total)))
+                done += len(k)
+                return out
+
+            if (emission > 0).any():
+                direct = direct + bounce(emission)
+            e = direct
+            for _ in range(int(bounces)):
+                e = direct + bounce(e * albedo * np.float32(1 / np.pi))
+        out = np.ascontiguousarray(np.moveaxis(e, 0, -1))
+        out[~self.valid] = np.nan
+        return out
+
+    # --- The surface itself ----------------------------------------------------------------------------------------
+
+    def to_mitsuba(self, bsdf=None, path=None) -> dict:
+        """Return the surface as a Mitsuba shape dict: the same triangles, with smooth normals.
+
+        Parameters
+        ----------
+        bsdf : dict, optional
+            Mitsuba BSDF; Mitsuba's own default without.
+        path : path-like, optional
+            Where to write the mesh (PLY); a temporary file, removed at exit, by default.
+
+        Returns
+        -------
+        dict
+            x points east, y north, z up, in metres from the north-west sample; z is counted from ``centre``, the mean
+            height, because Mitsuba computes in float32.
+        """
+        vertices, triangles = surface.mesh(self.heights - self.centre, self.spacing, self.valid)
+        if not len(triangles):
+            raise InputError("'heights' must span a triangle: at least 2 rows and 2 columns of known points")
+        if path is None:
+            folder = tempfile.mkdtemp(prefix="intervis-")
+            atexit.register(shutil.rmtree, folder, ignore_errors=True)
+            path = Path(folder) / "heightfield.ply"
+        n = np.moveaxis(surface.normals(self.heights, self.spacing), 0, -1).reshape(-1, 3)
+        surface.write_ply(path, vertices, n, triangles)
+        return {"type": "ply", "filename": str(path), **({"bsdf": bsdf} if bsdf is not None else {})}
+
+    # --- Sweeps ----------------------------------------------------------------------------------------------------
+
+    def _reach(self, d):
+        return None if self.radius is None else max(int(self.radius / d.step), 1)
+
+    def _tangents(self, azimuths, method, progress=None):
+        # Tangents of the horizons, a direction at a time; the same direction twice is looked at once
+        choice("method", method, METHODS)
+        before = (None, None)
+        for n, azimuth in enumerate(azimuths):
+            if azimuth != before[0]:
+                d = direction(azimuth, self.spacing)
+                turned, reach = d.turn(self._turned), self._reach(d)
+                if method == "march" or reach is not None:
+                    t = march.horizons(turned, d, self.curve, reach)
+                else:
+                    t = hull.horizons(turned, d, self.curve)
+                before = (azimuth, np.ascontiguousarray(d.back(t)))
+            yield before[1]
+            if progress:
+                progress(n + 1, len(azimuths))
+
+    def _above(self, azimuth, t, n, table, out, width):
+        a = n[0] * np.sin(azimuth) + n[1] * np.cos(azimuth)
+        floor = np.maximum(t, light.tangent_plane(n, azimuth)).astype(np.float32)
+        gather.add_sky(floor, n[2], a, table, np.float32(width), out)
+
+    def _gather(self, azimuths, n, radiance, progress):
+        total = np.zeros(radiance.shape, dtype=np.float32)
+        known = np.where(self.valid, radiance, 0).astype(np.float32)
+        for i, azimuth in enumerate(azimuths):
+            d = direction(azimuth, self.spacing)
+            seen = gather.surface(
+                d, self._turned, known, n, azimuth, self.curve, self._reach(d), light.tangent_plane(n, azimuth)
+            )
+            total += d.back(seen) * np.float32(2 * np.pi / len(azimuths))
+            if progress:
+                progress(i + 1, len(azimuths))
+        return total
+
+    def _reported(self, directions):
+        return _Timed(self, directions)
+
+
+class _Timed:
+    # Fill the field's report with the time a method took
+    def __init__(self, field, directions):
+        self.field, self.directions = field, directions
+
+    def __enter__(self):
+        self.begin = time.perf_counter()
+
+    def __exit__(self, *_):
+        skipped = {"points without data": int((~self.field.valid).sum())}
+        self.field.report = Report(wall_s=time.perf_counter() - self.begin, skipped=skipped)
+
+
+def _known(values, valid, policy, spacing):
+    # Heights with unknown points replaced as the policy says
+    if valid.all():
+        return values
+    out = values.copy()
+    known = values[valid]
+    extent = np.hypot(values.shape[0] * spacing[0], values.shape[1] * spacing[1])
+    if policy == "fill":
+        from scipy.ndimage import distance_transform_edt
+
+        nearest = distance_transform_edt(~valid, sampling=spacing, return_distances=False, return_indices=True)
+        return values[tuple(nearest)]
+    # Higher, or lower, than any line of sight between known points
+    steep = 1e3 * (extent + np.ptp(known))
+    out[~valid] = known.max() + steep if policy == "block" else known.min() - steep
+    return out

@@ -1,0 +1,123 @@
+"""Lights over a height field: sky, sun, and the values that describe them, brought into one form."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..errors import InputError
+from .check import number
+
+SUN_RADIUS = np.radians(0.2666)  # mean angular radius of the sun
+ROWS = 721  # elevations at which a sky given as a function is sampled
+
+
+def tangent_plane(n: np.ndarray, azimuth: float) -> np.ndarray:
+    """Tangent of the elevation at which a receiver's own plane rises in a direction; ``n`` is (3, rows, columns)."""
+    return -(n[0] * np.sin(azimuth) + n[1] * np.cos(azimuth)) / n[2]
+
+
+def sky_share(t: np.ndarray, n: np.ndarray, azimuth: float) -> np.ndarray:
+    """Cosine-weighted share of a uniform sky in one direction, above tangents ``t``; 1 for an open horizontal plane."""
+    e = np.arctan(np.maximum(t, tangent_plane(n, azimuth)).astype(np.float64))
+    a = n[0] * np.sin(azimuth) + n[1] * np.cos(azimuth)
+    # From e to the zenith: ∫ (n_z sin + a cos) cos = n_z cos²e / 2 + a (π/2 − e − sin e cos e) / 2, over an open plane's 1/2
+    return np.maximum(n[2] * np.cos(e) ** 2 + a * (np.pi / 2 - e - np.sin(e) * np.cos(e)), 0)
+
+
+def disk_share(horizon: np.ndarray, elevation: float, radius: float) -> np.ndarray:
+    """Share of a disk at an elevation that stands above level horizons (all in radians)."""
+    if radius == 0:
+        return (horizon < elevation).astype(np.float64)
+    # Area of a circle above a chord at signed distance x from its centre
+    x = np.clip((horizon - elevation) / radius, -1, 1)
+    return (np.arccos(x) - x * np.sqrt(1 - x * x)) / np.pi
+
+
+def channels_of(sky, sun, *values) -> int:
+    """Return how many channels the lights and the surface have; 1 and one other number may be mixed."""
+    found = {1}
+    for v in (*values, sky, sun[2] if sun is not None and len(sun) > 2 else 1.0):
+        if callable(v):
+            v = np.asarray(v(np.zeros(1), np.full(1, 1.0)))
+            found.add(v.shape[-1] if v.ndim > 1 else 1)
+        elif np.ndim(v) in (1, 3):
+            found.add(np.shape(v)[-1])
+    found.discard(1)
+    if len(found) > 1:
+        raise InputError(
+            f"'sky', 'sun', 'albedo' and 'emission' must have equally many channels, or one (got {sorted(found)})"
+        )
+    return found.pop() if found else 1
+
+
+def image(name: str, value, shape: tuple[int, int], channels: int) -> np.ndarray:
+    """Return a constant, a spectrum or an image as a (channels, rows, columns) float32 array of finite values."""
+    v = np.asarray(value)
+    if v.dtype.kind not in "fiub":
+        raise InputError(f"'{name}' must hold real numbers (got {type(value).__name__})")
+    if v.ndim == 2 and v.shape == shape:
+        v = v[..., None]
+    if v.ndim not in (0, 1, 3) or (v.ndim == 3 and v.shape[:2] != shape):
+        raise InputError(
+            f"'{name}' must be a number, one a channel, or an image of {shape[0]} × {shape[1]} (got shape {v.shape})"
+        )
+    out = np.array(np.moveaxis(np.broadcast_to(v, (*shape, channels)), -1, 0), dtype=np.float32)
+    if not np.isfinite(out).all() or out.min() < 0:
+        raise InputError(f"'{name}' must be finite and >= 0 (got {np.nanmin(out):g} at least)")
+    return out
+
+
+def sky_columns(sky, azimuths: np.ndarray, channels: int) -> list[np.ndarray]:
+    """Return the sky's radiance over elevation for each azimuth, as `gather.sky_table` takes it."""
+    e = np.linspace(-np.pi / 2, np.pi / 2, ROWS)
+    if callable(sky):
+        columns = [np.asarray(sky(np.full(ROWS, az), e), dtype=np.float64).reshape(ROWS, -1) for az in azimuths]
+    elif np.ndim(sky) == 3:
+        columns = _map_columns(np.asarray(sky, dtype=np.float64), azimuths, e)
+    elif np.ndim(sky) <= 1:
+        columns = [np.asarray(sky, dtype=np.float64).reshape(1, -1)] * len(azimuths)
+    else:
+        raise InputError(
+            f"'sky' must be a number, one a channel, a function or an environment map (got shape {np.shape(sky)})"
+        )
+    for c in columns:
+        if c.shape[-1] not in (1, channels) or not np.isfinite(c).all() or c.min() < 0:
+            raise InputError(
+                f"'sky' must be finite, >= 0 and have 1 or {channels} channels (got {c.min():g}, {c.shape[-1]} channels)"
+            )
+    return [np.broadcast_to(c, (len(c), channels)) for c in columns]
+
+
+def _map_columns(pixels, azimuths, elevations):
+    # Means over each sector: a bright sun between two azimuths must not be lost
+    height, width, _ = pixels.shape
+    edges = np.concatenate([np.zeros((1, *pixels.shape[::2])), np.cumsum(np.swapaxes(pixels, 0, 1), axis=0)])
+    half = np.pi / len(azimuths)
+    rows = np.clip((np.pi / 2 - elevations) / np.pi * height - 0.5, 0, height - 1)
+
+    def integral(x):
+        # Of the map from column 0 to x columns, going round as often as it takes
+        turn, x = np.divmod(x, width)
+        k = min(int(x), width - 1)
+        return turn * edges[-1] + edges[k] + (x - k) * (edges[k + 1] - edges[k])
+
+    out = []
+    for az in azimuths:
+        x0, x1 = (az - half) / (2 * np.pi) * width, (az + half) / (2 * np.pi) * width
+        column = (integral(x1) - integral(x0)) / (x1 - x0)
+        out.append(np.stack([np.interp(rows, np.arange(height), column[:, c]) for c in range(column.shape[1])], -1))
+    return out
+
+
+def sunlight(field, sun, n: np.ndarray, channels: int) -> np.ndarray:
+    """Return direct irradiance from a sun, (channels, rows, columns)."""
+    if len(sun) not in (3, 4):
+        raise InputError(f"'sun' must be (azimuth, elevation, irradiance) or with a radius after that (got {sun!r})")
+    azimuth, elevation = number("sun azimuth", sun[0]), number("sun elevation", sun[1], -np.pi / 2, np.pi / 2)
+    strength = np.broadcast_to(np.asarray(sun[2], dtype=np.float64).ravel(), (channels,))
+    if not np.isfinite(strength).all() or strength.min() < 0:
+        raise InputError(f"'sun' irradiance must be finite and >= 0 (got {sun[2]!r})")
+    lit = field.shadow(azimuth, elevation, radius=sun[3] if len(sun) == 4 else SUN_RADIUS)
+    to = np.array([np.sin(azimuth) * np.cos(elevation), np.cos(azimuth) * np.cos(elevation), np.sin(elevation)])
+    cosine = np.maximum(np.tensordot(to, n, axes=1), 0) * np.nan_to_num(lit)
+    return (strength[:, None, None] * cosine).astype(np.float32)

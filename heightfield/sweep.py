@@ -1,0 +1,94 @@
+"""Directions over the grid, turned so that every sweep looks along +x.
+
+The surface is the triangulated grid: vertices at the samples, every cell cut by the diagonal from its north-west to its
+south-east corner (`surface.py` builds the same mesh). Along any straight line it is piecewise linear with kinks only where
+the line crosses an edge: a grid column, a grid row or a diagonal. So the highest elevation along the line is at one of
+those crossings, and looking at them alone is exact.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+
+@dataclass(frozen=True)
+class Direction:
+    """An azimuth as seen on a grid turned to look along +x.
+
+    Attributes
+    ----------
+    slope : float
+        Rows crossed per column, in [-1, 1].
+    step : float
+        Horizontal distance per column, in metres.
+    diagonal : bool
+        True where diagonals of the turned grid run from (row, column) to (row + 1, column + 1).
+    transpose, flip_rows, flip_columns : bool
+        How the grid is turned: transposed first, then flipped.
+    """
+
+    slope: float
+    step: float
+    diagonal: bool
+    transpose: bool
+    flip_rows: bool
+    flip_columns: bool
+
+    def turn(self, grid: np.ndarray) -> np.ndarray:
+        """Return a view of a north-up grid as this direction sees it (last axes rows, columns)."""
+        if self.transpose:
+            grid = np.swapaxes(grid, -1, -2)
+        return grid[..., :: -1 if self.flip_rows else 1, :: -1 if self.flip_columns else 1]
+
+    def back(self, grid: np.ndarray) -> np.ndarray:
+        """Undo `turn`."""
+        grid = grid[..., :: -1 if self.flip_rows else 1, :: -1 if self.flip_columns else 1]
+        return np.swapaxes(grid, -1, -2) if self.transpose else grid
+
+
+def direction(azimuth: float, spacing: tuple[float, float]) -> Direction:
+    """Turn an azimuth into a direction over the grid.
+
+    Parameters
+    ----------
+    azimuth : float
+        Radians clockwise from north (row 0 is north).
+    spacing : (float, float)
+        Metres between rows and between columns.
+
+    Returns
+    -------
+    Direction
+    """
+    dy, dx = spacing
+    # Columns and rows per metre; exact zeros along the axes, where sines leave rounding
+    east, north = (0.0 if abs(v) < 1e-15 else v for v in (np.sin(azimuth), np.cos(azimuth)))
+    columns, rows = east / dx, -north / dy
+    transpose = abs(rows) > abs(columns)
+    if transpose:
+        columns, rows = rows, columns
+    flip = columns < 0
+    slope, step = rows / abs(columns), 1.0 / abs(columns)
+    if abs(abs(slope) - 1.0) < 1e-12:
+        slope = float(np.sign(slope))
+    # Looking along falling rows is looking along rising rows of the flipped grid
+    flip_rows = slope < 0
+    return Direction(abs(slope), step, not (flip != flip_rows), transpose, flip_rows, flip)
+
+
+def azimuths_of(azimuths, minimum: int = 1) -> np.ndarray:
+    """Return azimuths in radians from a count (equally spaced, north first) or an array of them."""
+    from ..errors import InputError
+
+    if isinstance(azimuths, (bool, str)) or azimuths is None:
+        raise InputError(f"'azimuths' must be a count or an array of radians (got {azimuths!r})")
+    if np.ndim(azimuths) == 0:
+        if azimuths != int(azimuths) or azimuths < minimum:
+            raise InputError(f"'azimuths' must be a whole number >= {minimum} (got {azimuths})")
+        return np.arange(int(azimuths)) * (2 * np.pi / int(azimuths))
+    values = np.asarray(azimuths, dtype=np.float64).ravel()
+    if not len(values) or not np.isfinite(values).all():
+        raise InputError("'azimuths' must hold at least one azimuth, all finite, in radians clockwise from north")
+    return values
