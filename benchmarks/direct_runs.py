@@ -16,7 +16,7 @@ from intervis.integrators.shading import prepare
 
 SAMPLERS = ("independent", "multijitter", "ldsampler")
 EMITTER_SAMPLES = (1, 4)
-LADDER = (4, 8, 16, 32, 64, 128)
+LADDER = (4, 8, 16, 32, 64, 128, 256)
 CHUNK = 1024  # samples a pixel of one reference render
 
 
