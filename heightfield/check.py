@@ -30,17 +30,31 @@ def number(name: str, value, low=-np.inf, high=np.inf, *, open_low=False, whole=
 
 def spacing_of(spacing) -> tuple[float, float]:
     """Return (dy, dx) from a number or a pair."""
-    values = np.ravel(spacing)
+    try:
+        values = np.ravel(spacing).tolist()
+    except ValueError:
+        values = []
     if len(values) not in (1, 2):
         raise InputError(f"'spacing' must be one number or two, (dy, dx), in metres (got {spacing!r})")
     pair = [number("spacing", v, 0.0, open_low=True) for v in values]
     return pair[0], pair[-1]
 
 
+def reals(name: str, values) -> np.ndarray:
+    """Return numbers as a float64 array of any shape."""
+    try:
+        return np.asarray(values, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise InputError(f"'{name}' must hold real numbers (got {values!r:.60})") from None
+
+
 def grid(name: str, values) -> np.ndarray:
     """Return a real two-dimensional array, not empty, as float64 in native order; masked points become NaN."""
     masked = isinstance(values, np.ma.MaskedArray)
-    array = np.ma.filled(values.astype(np.float64), np.nan) if masked else np.asarray(values)
+    try:
+        array = np.ma.filled(values.astype(np.float64), np.nan) if masked else np.asarray(values)
+    except ValueError:
+        raise InputError(f"'{name}' must have rows of equal length (got {type(values).__name__} of unequal ones)") from None
     if array.ndim != 2 or 0 in array.shape:
         raise InputError(f"'{name}' must be a two-dimensional array of rows and columns (got shape {array.shape})")
     if array.dtype.kind not in "fiub":

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..errors import InputError
-from .check import number
+from .check import number, reals
 
 SUN_RADIUS = np.radians(0.2666)  # mean angular radius of the sun
 ROWS = 721  # elevations at which a sky given as a function is sampled
@@ -35,11 +35,12 @@ def disk_share(horizon: np.ndarray, elevation: float, radius: float) -> np.ndarr
 
 def channels_of(sky, sun, *values) -> int:
     """Return how many channels the lights and the surface have; 1 and one other number may be mixed."""
+    if sun is not None and (isinstance(sun, str) or not hasattr(sun, "__len__") or len(sun) not in (3, 4)):
+        raise InputError(f"'sun' must be (azimuth, elevation, irradiance) or with a radius after that (got {sun!r})")
     found = {1}
-    for v in (*values, sky, sun[2] if sun is not None and len(sun) > 2 else 1.0):
+    for v in (*values, sky, sun[2] if sun is not None else 1.0):
         if callable(v):
-            v = np.asarray(v(np.zeros(1), np.full(1, 1.0)))
-            found.add(v.shape[-1] if v.ndim > 1 else 1)
+            found.add(_called(v, np.zeros(1), np.ones(1)).shape[-1])
         elif np.ndim(v) in (1, 3):
             found.add(np.shape(v)[-1])
     found.discard(1)
@@ -63,7 +64,7 @@ def image(name: str, value, shape: tuple[int, int], channels: int) -> np.ndarray
         )
     out = np.array(np.moveaxis(np.broadcast_to(v, (*shape, channels)), -1, 0), dtype=np.float32)
     if not np.isfinite(out).all() or out.min() < 0:
-        raise InputError(f"'{name}' must be finite and >= 0 (got {np.nanmin(out):g} at least)")
+        raise InputError(f"'{name}' must be finite and >= 0 (got {out.min():g} at least)")
     return out
 
 
@@ -71,21 +72,29 @@ def sky_columns(sky, azimuths: np.ndarray, channels: int) -> list[np.ndarray]:
     """Return the sky's radiance over elevation for each azimuth, as `gather.sky_table` takes it."""
     e = np.linspace(-np.pi / 2, np.pi / 2, ROWS)
     if callable(sky):
-        columns = [np.asarray(sky(np.full(ROWS, az), e), dtype=np.float64).reshape(ROWS, -1) for az in azimuths]
+        columns = [_called(sky, np.full(ROWS, az), e) for az in azimuths]
     elif np.ndim(sky) == 3:
-        columns = _map_columns(np.asarray(sky, dtype=np.float64), azimuths, e)
+        columns = _map_columns(reals("sky", sky), azimuths, e)
     elif np.ndim(sky) <= 1:
-        columns = [np.asarray(sky, dtype=np.float64).reshape(1, -1)] * len(azimuths)
+        columns = [reals("sky", sky).reshape(1, -1)] * len(azimuths)
     else:
         raise InputError(
             f"'sky' must be a number, one a channel, a function or an environment map (got shape {np.shape(sky)})"
         )
     for c in columns:
-        if c.shape[-1] not in (1, channels) or not np.isfinite(c).all() or c.min() < 0:
-            raise InputError(
-                f"'sky' must be finite, >= 0 and have 1 or {channels} channels (got {c.min():g}, {c.shape[-1]} channels)"
-            )
+        if c.shape[-1] not in (1, channels):
+            raise InputError(f"'sky' must have 1 or {channels} channels (got {c.shape[-1]})")
+        if not np.isfinite(c).all() or c.min() < 0:
+            raise InputError(f"'sky' must be finite and >= 0 (got {c.min():g} at least)")
     return [np.broadcast_to(c, (len(c), channels)) for c in columns]
+
+
+def _called(sky, azimuths, elevations):
+    # Radiance that a function gives, (directions, channels)
+    value = reals("sky", sky(azimuths, elevations))
+    if value.ndim == 0 or value.shape[0] != len(azimuths):
+        raise InputError(f"'sky' must return a row for each of {len(azimuths)} directions (got shape {value.shape})")
+    return value.reshape(len(azimuths), -1)
 
 
 def _map_columns(pixels, azimuths, elevations):
@@ -111,10 +120,8 @@ def _map_columns(pixels, azimuths, elevations):
 
 def sunlight(field, sun, n: np.ndarray, channels: int) -> np.ndarray:
     """Return direct irradiance from a sun, (channels, rows, columns)."""
-    if len(sun) not in (3, 4):
-        raise InputError(f"'sun' must be (azimuth, elevation, irradiance) or with a radius after that (got {sun!r})")
     azimuth, elevation = number("sun azimuth", sun[0]), number("sun elevation", sun[1], -np.pi / 2, np.pi / 2)
-    strength = np.broadcast_to(np.asarray(sun[2], dtype=np.float64).ravel(), (channels,))
+    strength = np.broadcast_to(reals("sun irradiance", sun[2]).ravel(), (channels,))
     if not np.isfinite(strength).all() or strength.min() < 0:
         raise InputError(f"'sun' irradiance must be finite and >= 0 (got {sun[2]!r})")
     lit = field.shadow(azimuth, elevation, radius=sun[3] if len(sun) == 4 else SUN_RADIUS)

@@ -4,15 +4,19 @@ from __future__ import annotations
 
 import numpy as np
 
+from ..images import _write_whole as write_whole
 
-def normals(heights: np.ndarray, spacing: tuple[float, float]) -> np.ndarray:
-    """Unit normals at the grid points, from central differences (one-sided at the border).
+
+def normals(heights: np.ndarray, spacing: tuple[float, float], valid: np.ndarray | None = None) -> np.ndarray:
+    """Unit normals at the grid points, from central differences, one-sided at borders and beside unknown points.
 
     Parameters
     ----------
     heights : (rows, columns) array
     spacing : (float, float)
         Metres between rows and between columns.
+    valid : (rows, columns) bool array, optional
+        Known points; all by default.
 
     Returns
     -------
@@ -20,10 +24,22 @@ def normals(heights: np.ndarray, spacing: tuple[float, float]) -> np.ndarray:
         East, north and up components.
     """
     h = np.asarray(heights, dtype=np.float64)
-    east = np.gradient(h, spacing[1], axis=1) if h.shape[1] > 1 else np.zeros_like(h)
-    north = -np.gradient(h, spacing[0], axis=0) if h.shape[0] > 1 else np.zeros_like(h)
+    known = np.ones(h.shape, dtype=bool) if valid is None else valid
+    east = _slope(h, known) / spacing[1]
+    north = -_slope(h.T, known.T).T / spacing[0]
     n = np.stack([-east, -north, np.ones_like(h)])
     return n / np.linalg.norm(n, axis=0)
+
+
+def _slope(h, known):
+    # Mean of the differences to the known neighbours of each row; 0 where there are none
+    step = np.diff(h, axis=1)
+    both = known[:, 1:] & known[:, :-1]
+    total, count = np.zeros_like(h), np.zeros(h.shape)
+    for side in (np.s_[:, :-1], np.s_[:, 1:]):
+        total[side] += np.where(both, step, 0)
+        count[side] += both
+    return total / np.maximum(count, 1)
 
 
 def mesh(heights: np.ndarray, spacing: tuple[float, float], valid: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -63,7 +79,11 @@ def write_ply(path, vertices, normals, triangles) -> None:
     )
     faces = np.empty(len(triangles), dtype=[("count", "u1"), ("index", "<i4", 3)])
     faces["count"], faces["index"] = 3, triangles
-    with open(path, "wb") as file:
-        file.write(head.encode())
-        file.write(np.hstack([vertices, normals]).astype("<f4").tobytes())
-        file.write(faces.tobytes())
+
+    def write(temporary):
+        with open(temporary, "wb") as file:
+            file.write(head.encode())
+            file.write(np.hstack([vertices, normals]).astype("<f4").tobytes())
+            file.write(faces.tobytes())
+
+    write_whole(path, write)
