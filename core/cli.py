@@ -144,7 +144,7 @@ def _heightfield(commands) -> None:
     p.add_argument("--preview", metavar="OUT.png", help="write a picture too")
     p.add_argument("--spacing", metavar="M|DY,DX", help="metres between samples (default: the file's, or 1)")
     p.add_argument("--size", type=int, default=256, metavar="N", help=f"samples a side of a built-in field ({default})")
-    p.add_argument("--nodata-policy", default="block", metavar="P", help="block, transparent or fill (default: %(default)s)")
+    p.add_argument("--nodata-policy", default="fill", metavar="P", help="fill, transparent or block (default: %(default)s)")
     p.add_argument("--curvature", action="store_true", help="let the Earth curve away, with refraction")
     p.add_argument("--radius", type=float, metavar="M", help="look no farther than so many metres")
 

@@ -14,7 +14,7 @@ from __future__ import annotations
 import numba as nb
 import numpy as np
 
-from .march import crossings
+from .march import BLOCK, crossings
 
 NODES = 2048  # of the sky's table over elevation
 
@@ -39,65 +39,67 @@ def _weight(t, nz, a):
     return np.float32(0.5) * (nz * t * t * c + a * (e + t * c))
 
 
-@nb.njit(cache=True, parallel=True, fastmath={"nsz", "contract", "reassoc", "nnan"})
+@nb.njit(cache=True, parallel=True, fastmath={"nsz", "contract", "reassoc"})
 def _surface(heights, radiance, nz, a, offset, weight, distance, step, curve, horizon, out):
     """March all receivers along +x: add what the surface radiates to ``out``, leave tangents in ``horizon``."""
     rows, columns = heights.shape
     channels = len(radiance)
     top = heights.max()
     for i in nb.prange(rows):
-        here, best = heights[i], horizon[i]
-        last = np.full(columns, np.float32(-1e30))
-        seen = np.empty(columns, np.float32)
-        for j in range(columns):
-            seen[j] = _weight(best[j], nz[i, j], a[i, j])
-        before = np.zeros((channels, columns), np.float32)
-        for c in range(channels):
-            before[c] = radiance[c, i]
-        gain, part = np.empty(columns, np.float32), np.empty(columns, np.float32)
-        for n in range(len(distance)):
-            ra, ca, rb, cb = i + offset[n, 0], offset[n, 1], i + offset[n, 2], offset[n, 3]
-            reach = columns - max(ca, cb)
-            if ra >= rows or rb >= rows or reach <= 0:
-                break
-            w = np.float32(weight[n])
-            scale = np.float32(1.0 / (distance[n] * step))
-            drop = np.float32(curve * distance[n] * step)
-            if n % 32 == 31:
-                # Nothing beyond can rise above anybody's horizon
-                more = False
-                for j in range(reach):
-                    more |= (top - here[j]) * scale - drop > best[j]
-                if not more:
+        here = heights[i]
+        rises = np.empty(BLOCK, np.float32)
+        seen = np.empty(BLOCK, np.float32)
+        for j0 in range(0, columns, BLOCK):
+            best, mine = horizon[i, j0 : j0 + BLOCK], here[j0 : j0 + BLOCK]
+            up, along = nz[i, j0 : j0 + BLOCK], a[i, j0 : j0 + BLOCK]
+            for j in range(len(best)):
+                seen[j] = _weight(best[j], up[j], along[j])
+            for n in range(len(distance)):
+                ra, ca, rb, cb = i + offset[n, 0], j0 + offset[n, 1], i + offset[n, 2], j0 + offset[n, 3]
+                count = min(len(best), columns - max(ca, cb))
+                if ra >= rows or rb >= rows or count <= 0:
                     break
-            p, q = heights[ra], heights[rb]
-            some = False
-            for j in range(reach):
-                rise = (p[j + ca] + w * (q[j + cb] - p[j + ca]) - here[j]) * scale - drop
-                new = rise > best[j]
-                some |= new
-                # The visible part of the piece that ends here starts where it comes up from behind the horizon
-                part[j] = (best[j] - last[j]) / (rise - last[j]) if new else np.float32(0)
-                last[j] = rise
-                gain[j] = rise if new else best[j]
-            if some:
-                for j in range(reach):
-                    if gain[j] > best[j]:
-                        total = _weight(gain[j], nz[i, j], a[i, j])
-                        best[j] = gain[j]
-                        gain[j] = total - seen[j]
-                        seen[j] = total
-                    else:
-                        gain[j] = np.float32(0)
-            else:
-                gain[:reach] = np.float32(0)
-            for c in range(channels):
-                e, f, b, o = radiance[c, ra], radiance[c, rb], before[c], out[c, i]
-                for j in range(reach):
-                    here_l = e[j + ca] + w * (f[j + cb] - e[j + ca])
-                    start = b[j] + max(part[j], np.float32(0)) * (here_l - b[j])
-                    o[j] += gain[j] * np.float32(0.5) * (start + here_l)
-                    b[j] = here_l
+                w = np.float32(weight[n])
+                scale = np.float32(1.0 / (distance[n] * step))
+                drop = np.float32(curve * distance[n] * step)
+                if n % 16 == 15:
+                    # Nothing beyond can rise above anybody's horizon
+                    more = False
+                    for j in range(count):
+                        more |= (top - mine[j]) * scale - drop > best[j]
+                    if not more:
+                        break
+                p, q = heights[ra, ca : ca + count], heights[rb, cb : cb + count]
+                some = False
+                for j in range(count):
+                    rise = (p[j] + w * (q[j] - p[j]) - mine[j]) * scale - drop
+                    rises[j] = rise
+                    some |= rise > best[j]
+                if not some:
+                    continue
+                for j in range(count):
+                    rise = rises[j]
+                    if rise <= best[j]:
+                        continue
+                    total = _weight(rise, up[j], along[j])
+                    gain = np.float32(0.5) * (total - seen[j])
+                    # The visible part of the piece that ends here starts where it comes up from behind the horizon
+                    part = np.float32(1)
+                    if n > 0:
+                        va, vb = i + offset[n - 1, 0], i + offset[n - 1, 2]
+                        ua, ub = j + j0 + offset[n - 1, 1], j + j0 + offset[n - 1, 3]
+                        f = np.float32(weight[n - 1])
+                        last = heights[va, ua] + f * (heights[vb, ub] - heights[va, ua]) - mine[j]
+                        last = last / np.float32(distance[n - 1] * step) - np.float32(curve * distance[n - 1] * step)
+                        part = min(max((best[j] - last) / (rise - last), np.float32(0)), np.float32(1))
+                    for c in range(channels):
+                        end = radiance[c, ra, ca + j] + w * (radiance[c, rb, cb + j] - radiance[c, ra, ca + j])
+                        start = end
+                        if n > 0:
+                            before = radiance[c, va, ua] + f * (radiance[c, vb, ub] - radiance[c, va, ua])
+                            start = before + part * (end - before)
+                        out[c, i, j0 + j] += gain * (start + end)
+                    best[j], seen[j] = rise, total
 
 
 def sky_table(radiance) -> np.ndarray:

@@ -14,7 +14,7 @@ import numpy as np
 
 from . import march
 
-NEAR = 12  # columns marched exactly
+NEAR = 8  # columns marched exactly
 LINES = 2  # shared lines a row, beyond
 
 
@@ -77,6 +77,12 @@ def _far(heights, slope, step, diagonal, bend, near, lines, out):
     first = -int(np.ceil(climb * lines)) - 1
     count = (rows - 1) * lines - first + 2
     half = 0.5 / lines
+    # How much a horizon beyond `near` may differ, per row that the line misses its receiver by
+    steepest = np.float32(0)
+    for i in range(rows - 1):
+        for j in range(columns):
+            steepest = max(steepest, abs(heights[i + 1, j] - heights[i, j]))
+    fall = steepest / near
     for m in nb.prange(count):
         b = (m + first) / lines
         # Columns over which the line lies on the field
@@ -147,6 +153,11 @@ def _far(heights, slope, step, diagonal, bend, near, lines, out):
                         break
                     best = rise
                     k -= 1
+                # Back to the receiver's own datum; nothing to do where the near horizon is higher for certain
+                best += 2 * bend * x
+                if best + abs(d) * fall < out[i, x] * step:
+                    x -= 1
+                    continue
                 # The line has found where the horizon is; the receiver's own ray says how high
                 c = int(px[k]) - x
                 best = max(_cell(heights, i, x, c, slope, bend, diagonal), _cell(heights, i, x, c + 1, slope, bend, diagonal))

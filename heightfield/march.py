@@ -11,6 +11,9 @@ import numba as nb
 import numpy as np
 
 
+BLOCK = 32  # receivers marched together
+
+
 @nb.njit(cache=True)
 def crossings(slope, diagonal, columns):
     """List the edge crossings of a ray that leaves a grid point, as far as ``columns`` columns.
@@ -96,27 +99,30 @@ def steepest(heights, offset, weight, distance, step, curve, out):
     rows, columns = heights.shape
     top = heights.max()
     for i in nb.prange(rows):
-        best = out[i]
         here = heights[i]
-        for n in range(len(distance)):
-            ra, ca, rb, cb = i + offset[n, 0], offset[n, 1], i + offset[n, 2], offset[n, 3]
-            reach = columns - max(ca, cb)
-            if ra >= rows or rb >= rows or reach <= 0:
-                break
-            w = np.float32(weight[n])
-            scale = np.float32(1.0 / (distance[n] * step))
-            drop = np.float32(curve * distance[n] * step)
-            if n % 32 == 31:
-                # Nothing beyond can rise above anybody's horizon
-                more = False
-                for j in range(reach):
-                    more |= (top - here[j]) * scale - drop > best[j]
-                if not more:
+        # Blocks of receivers: their horizons stay in the cache, and each stops as soon as it can
+        for j0 in range(0, columns, BLOCK):
+            best = out[i, j0 : j0 + BLOCK]
+            mine = here[j0 : j0 + BLOCK]
+            for n in range(len(distance)):
+                ra, ca, rb, cb = i + offset[n, 0], j0 + offset[n, 1], i + offset[n, 2], j0 + offset[n, 3]
+                count = min(len(best), columns - max(ca, cb))
+                if ra >= rows or rb >= rows or count <= 0:
                     break
-            a, b = heights[ra], heights[rb]
-            for j in range(reach):
-                rise = (a[j + ca] + w * (b[j + cb] - a[j + ca]) - here[j]) * scale - drop
-                best[j] = max(best[j], rise)
+                w = np.float32(weight[n])
+                scale = np.float32(1.0 / (distance[n] * step))
+                drop = np.float32(curve * distance[n] * step)
+                if n % 16 == 15:
+                    # Nothing beyond can rise above anybody's horizon
+                    more = False
+                    for j in range(count):
+                        more |= (top - mine[j]) * scale - drop > best[j]
+                    if not more:
+                        break
+                a, b = heights[ra, ca : ca + count], heights[rb, cb : cb + count]
+                for j in range(count):
+                    rise = (a[j] + w * (b[j] - a[j]) - mine[j]) * scale - drop
+                    best[j] = max(best[j], rise)
 
 
 def horizons(heights, d, curve: float = 0.0, reach: int | None = None) -> np.ndarray:
