@@ -19,7 +19,7 @@ def fractal(size: int = 256, seed: int = 0) -> np.ndarray:
     k[0, 0] = np.inf
     noise = np.fft.fft2(np.random.default_rng(seed).normal(size=(size, size)))
     h = np.fft.ifft2(noise / k**2).real
-    return h / h.std() * 0.04 * size
+    return h / max(h.std(), 1e-30) * 0.04 * size
 
 
 def brick(size: int = 256, seed: int = 0) -> np.ndarray:
