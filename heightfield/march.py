@@ -10,7 +10,6 @@ from __future__ import annotations
 import numba as nb
 import numpy as np
 
-
 BLOCK = 32  # receivers marched together
 
 
