@@ -1,0 +1,214 @@
+"""Irradiance against path tracing of the same surface, and its error against azimuths (K) and samples on lines (S)."""
+
+from __future__ import annotations
+
+import time
+
+import mitsuba as mi
+import numpy as np
+
+from intervis.heightfield import HeightField, example, make
+
+from .heightfield_path import path_irradiance
+from .heightfield_plots import ladders as draw_ladders
+from .heightfield_plots import shape as draw_shape
+from .heightfield_tables import Part, Row, grid, interleave, threads
+
+SKY, SUN, ALBEDO, BOUNCES, AZIMUTHS = 30.0, (np.radians(300.0), np.radians(25.0), 800.0), 0.4, 2, 64
+
+
+def fields(quick: bool) -> dict[str, HeightField]:
+    """Return the fields that light is compared on."""
+    size = 48 if quick else 256
+    heights, spacing = example()
+    out = {name: HeightField(make(name, size)) for name in ("fractal", "sine", "brick", "blocks")}
+    out["jacksboro"] = HeightField(heights[40 : 40 + size, 60 : 60 + size], spacing)
+    return out
+
+
+def gathered(field: HeightField, bounces: int = BOUNCES, azimuths=AZIMUTHS) -> np.ndarray:
+    """Irradiance by this package, (rows, columns) float64."""
+    return field.irradiance(SKY, (*SUN, 0.0), ALBEDO, bounces=bounces, azimuths=azimuths)[..., 0].astype(np.float64)
+
+
+def traced(field: HeightField, samples: int, seed: int) -> np.ndarray:
+    """Irradiance by Mitsuba's path tracer, (rows, columns) float64."""
+    return path_irradiance(field, SKY, SUN, ALBEDO, BOUNCES, samples, seed)
+
+
+def measure(options, note) -> Part:
+    """Measure relative RMSE and time against the path tracer."""
+    threads(options.threads)
+    if mi.variant() is None:
+        mi.set_variant("llvm_ad_rgb")
+    part = Part("Light against path tracing")
+    samples = 64 if options.quick else 1024
+    part.text.append(
+        f"Sky {SKY:g} W/(m² sr), sun {SUN[2]:g} W/m² {np.degrees(SUN[1]):.0f}° high, albedo {ALBEDO:g}, {BOUNCES} bounces,"
+        f" K = {AZIMUTHS}; relative RMSE over all points, border too. The reference is two independent traces of {samples}"
+        " paths a point: errors are means of the product of the differences from both, so that their noise drops out (what"
+        " noise is left in the figure is in brackets). The path tracer's error is its noise, from pairs of independent"
+        " runs; the time at which it reaches ours is interpolated in its ladder, beyond it time × error² is constant (~)."
+        " The times of building its scene are left in: at one path a point they are what is seen."
+    )
+    table, plotted, worst, gains = [], {}, (0.0, ""), {}
+    for name, field in fields(options.quick).items():
+        note(f"light: {name}")
+        mean, error, doubt = _error(field, samples)
+        worst = max(worst, (error, name))
+        rungs = (1, 4, 16) if options.quick else (1, 4, 16, 64, 256)
+        jobs = {f"path, {n}": lambda n=n, f=field: _trace(f, n) for n in rungs}
+        times = interleave({"intervis": lambda f=field: _run(f), **jobs}, options.repeats)
+        part.timed(f"light, {name}", times)
+        noise = _noise(field, rungs, mean)
+        rows = [(n, np.median(times[f"path, {n}"]), noise[n]) for n in rungs]
+        ours = float(np.median(times["intervis"]))
+        # A ratio a round, from the round's own times
+        each = []
+        for k in range(options.repeats):
+            t = [times[f"path, {n}"][k] for n in rungs]
+            each.append(reach(t, list(noise.values()), error)[0] / times["intervis"][k])
+        seconds, mark = reach([r[1] for r in rows], [r[2] for r in rows], error)
+        gains[name] = (seconds / ours, min(each), max(each), mark)
+        plotted[name] = ([r[1] for r in rows], [r[2] for r in rows], ours, error)
+        for n, _, e in rows:
+            part.found(f"light, {name}", f"relative RMSE, path, {n}", e, "")
+        part.found(f"light, {name}", "relative RMSE", error, "")
+        table.append(
+            [name, f"{100 * error:.3g} [±{100 * doubt:.1g}]", f"{ours:.3g}", f"{mark}{seconds:.3g}",
+             f"{mark}{seconds / ours:.3g}× [{min(each):.3g}, {max(each):.3g}]",
+             *(f"{t:.2g} s: {100 * e:.3g}" for _, t, e in rows)]
+        )  # fmt: skip
+    part.rows.append(Row(f"irradiance, 2 bounces, K = {AZIMUTHS}, relative RMSE, worst field ({worst[1]})", 2, 0.5,
+                         100 * worst[0], unit=" %", less=True,
+                         note="; ".join(f"{r[0]} {r[1].split()[0]}" for r in table)))  # fmt: skip
+    for name, (value, low, high, mark) in gains.items():
+        part.rows.append(Row(f"time of the path tracer to the same error, {name}", 10, 50, value, low, high, mark=mark))
+    head = ["field", "our RMSE, %", "our s", "path tracer's s", "ratio", *(f"path, {n} a point: RMSE, %" for n in rungs)]
+    part.text.append(grid(head, table))
+    part.plots.append(("time-light.png", draw_ladders, plotted))
+    return part
+
+
+def reach(times, errors, target: float) -> tuple[float, str]:
+    """Return when a ladder of (time, RMSE) reaches an RMSE, and "~" where that lies beyond it.
+
+    Between rungs by log-log interpolation; before the first rung its own time; beyond the last error² falls as 1 / time.
+    """
+    t, e, goal = np.log(times), np.log(errors), np.log(target)
+    if e[0] <= goal:
+        return float(times[0]), "≤"
+    below = np.flatnonzero(e <= goal)
+    if not len(below):
+        return float(np.exp(t[-1] + 2 * (e[-1] - goal))), "~"
+    i = int(below[0])
+    return float(np.exp(np.interp(goal, [e[i], e[i - 1]], [t[i], t[i - 1]]))), ""
+
+
+def _run(field):
+    gathered(field)
+
+
+def _trace(field, samples):
+    # The tracer's own scene building is a constant; its rendering is what grows
+    traced(field, samples, seed=0)
+
+
+def _error(field, samples):
+    # Mean of the reference, our relative RMSE without the reference's noise, and the doubt that the noise leaves
+    ours = gathered(field)
+    a, b = (traced(field, samples, seed) for seed in (11, 12))
+    mean = float((a + b).mean() / 2)
+    product = (ours - a) * (ours - b)
+    mse = max(float(product.mean()), 1e-12 * mean**2)
+    doubt = float(product.std() / np.sqrt(product.size)) / (2 * np.sqrt(mse))
+    return mean, np.sqrt(mse) / mean, doubt / mean
+
+
+def _noise(field, rungs, mean):
+    # Relative RMS noise of a run, from two with other seeds
+    out = {}
+    for n in rungs:
+        a, b = (traced(field, n, seed) for seed in (21, 22))
+        out[n] = float(np.sqrt(np.mean((a - b) ** 2) / 2) / mean)
+    return out
+
+
+def converge(options, note) -> Part:
+    """Measure the error of indirect light against K and against S (Figures 14 and 15)."""
+    threads(options.threads)
+    part = Part("Error against K and S")
+    size = 48 if options.quick else 192
+    counts = (2, 4, 8, 16, 32) if options.quick else (2, 4, 8, 16, 32, 64, 128, 256)
+    field = HeightField(make("fractal", size))
+    # Truth from azimuths that no count shares: halves of steps
+    many = 90 if options.quick else 720
+    truth_azimuths = (np.arange(many) + 0.5) * (2 * np.pi / many)
+    note(f"K: truth from {many} azimuths")
+
+    def indirect(azimuths):
+        return gathered(field, 1, azimuths) - gathered(field, 0, azimuths)
+
+    truth = indirect(truth_azimuths)
+    by_k, images = {}, {}
+    for k in counts:
+        note(f"K = {k}")
+        begin = time.perf_counter()
+        images[k] = indirect(k)
+        by_k[k] = float(np.mean(np.abs(images[k] - truth)) / truth.mean())
+        part.found("indirect light, fractal", f"error, K = {k}", by_k[k], "")
+        part.found("indirect light, fractal", f"time of two runs, K = {k}", time.perf_counter() - begin, "s")
+    by_s, truth_s = _along_lines(field, options, note)
+    for s, e in by_s.items():
+        part.found("indirect light, fractal", f"error, S = {s}", e, "")
+    half = np.log(list(by_k.values()))
+    slope = float(np.polyfit(np.log(counts), half, 1)[0])
+    part.text.append(
+        f"Fractal of {size}² under sun and sky, one bounce: mean of |difference| over the mean of the indirect light. K is held"
+        f" against {many} azimuths halfway between others (fall: K^{slope:.2f} over all). S: the march is exact on the triangulated"
+        " surface, it has no step length; what is left to sample along a line is the radiance, looked at where rays cross"
+        " edges of the grid. S = s puts s² cells with the same surface and the same radiance (straight between samples) in"
+        f" each cell, so that there are s times as many crossings; it is held against S = {truth_s}, K = 16, at the same"
+        " points. So S = 1 here is what users get, and not the paper's S = 1, whose visibility is sampled too."
+    )
+    part.text.append(grid(["K", *by_k], [["error, %", *(f"{100 * e:.3g}" for e in by_k.values())]]))
+    part.text.append(grid(["S", *by_s], [["error, %", *(f"{100 * e:.3g}" for e in by_s.values())]]))
+    part.rows.append(Row("mean error of indirect light at K = 16", None, None, 100 * by_k[16], unit=" %"))
+    part.rows.append(Row("mean error of indirect light at S = 1", None, None, 100 * by_s[1], unit=" %"))
+    part.plots.append(("error-k-s.png", draw_shape, (by_k, by_s, images, truth)))
+    return part
+
+
+def _along_lines(field, options, note):
+    # One gather from a given radiance over ever finer grids of one surface, at the points that all of them share
+    shares = (1, 2, 4) if options.quick else (1, 2, 4, 8)
+    light = (gathered(field, 0) * ALBEDO / np.pi).astype(np.float64)
+    found = {}
+    for s in shares:
+        note(f"S = {s}")
+        fine = HeightField(refine(field.heights, s), 1.0 / s)
+        e = fine.irradiance(sky=0.0, emission=refine(light, s), albedo=0.0, bounces=0, azimuths=16)
+        found[s] = e[::s, ::s, 0].astype(np.float64)
+    truth = found[shares[-1]]
+    return {s: float(np.mean(np.abs(found[s] - truth)) / truth.mean()) for s in shares[:-1]}, shares[-1]
+
+
+def refine(values: np.ndarray, s: int) -> np.ndarray:
+    """Return the triangulated grid's values on a grid ``s`` times as fine: the same surface in smaller cells.
+
+    Parameters
+    ----------
+    values : (rows, columns) array
+    s : int
+
+    Returns
+    -------
+    (s · (rows − 1) + 1, s · (columns − 1) + 1) float64 array
+    """
+    rows, columns = values.shape
+    y, x = np.arange(s * (rows - 1) + 1), np.arange(s * (columns - 1) + 1)
+    r, c = np.minimum(y // s, rows - 2), np.minimum(x // s, columns - 2)
+    f, g = ((y - r * s) / s)[:, None], ((x - c * s) / s)[None, :]
+    r, c = r[:, None], c[None, :]
+    nw, ne, sw, se = values[r, c], values[r, c + 1], values[r + 1, c], values[r + 1, c + 1]
+    return np.where(g >= f, nw + g * (ne - nw) + f * (se - ne), nw + f * (sw - nw) + g * (se - sw))
