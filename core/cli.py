@@ -38,6 +38,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     except InputError as error:
         print(f"intervis: {error}", file=sys.stderr)
         return 2
+    except MemoryError as error:
+        print(f"intervis: not enough memory: {error or 'ask for less at once'}", file=sys.stderr)
+        return 2
     except KeyboardInterrupt:
         print("intervis: interrupted", file=sys.stderr)
         return 130
@@ -134,7 +137,9 @@ def _heightfield(commands) -> None:
         "Angles are in degrees, clockwise from north.",
     )
     p.add_argument("dem", metavar="DEM", help=f"a file, 'jacksboro' (real terrain), or {fields}")
-    p.add_argument("-o", "--output", metavar="OUT", help=".exr, .tif or .npz (default: DEM.light.tif or DEM.exr)")
+    p.add_argument(
+        "-o", "--output", metavar="OUT", help=".exr, .tif or .npz (default: DEM.exr, here; DEM.light.tif from a GeoTIFF)"
+    )
     p.add_argument("--products", default="irradiance", metavar="A,B", help=f"of {products} ({default})")
     p.add_argument("--azimuths", type=int, default=64, metavar="K", help="directions (default: %(default)s)")
     p.add_argument("--sun", metavar="AZ,EL,W", help="azimuth, elevation, W/m² facing the sun")

@@ -5,61 +5,58 @@ from __future__ import annotations
 import resource
 import sys
 import time
+from contextlib import contextmanager
+from importlib.metadata import version
 from pathlib import Path
 
 import numpy as np
 
 from ..errors import InputError
 from ..images import check_writable
+from ..report import Report
 from . import products as files
 from .check import choice, number
 from .field import HeightField
 from .fields import FIELDS, example, make
+from .sweep import azimuths_of
 
 PRODUCTS = ("irradiance", "skyview", "horizons", "shadow")
+MOST = 36_000  # azimuths
 
 
 def run(options, line: str) -> int:
     """Compute what the options ask for, write it, print the report; 0, or 130 if interrupted after some of it."""
-    wanted = [choice("products", w.strip(), PRODUCTS) for w in options.products.split(",")]
-    number("azimuths", options.azimuths, 1, whole=True)
+    wanted = dict.fromkeys(choice("products", w.strip(), PRODUCTS) for w in options.products.split(","))
+    number("azimuths", options.azimuths, 1, MOST, whole=True)
     number("bounces", options.bounces, 0, whole=True)
     number("albedo", options.albedo, 0, 1)
     sun, sky = _sun(options.sun), _sky(options.sky)
     if "shadow" in wanted and sun is None:
-        raise InputError("'--products shadow' needs '--sun AZ,EL,W'")
+        raise InputError("'products' with a shadow need a sun: add --sun AZ,EL,W")
     field = _field(options)
     output = _output(options, field)
-    preview = None if options.preview is None else check_writable(options.preview, ".png")
+    preview = None if options.preview is None else _target("preview", options.preview, options, [".png"])
 
+    # Every product by itself: an interruption keeps those before it, and the directions of horizons that are finished
+    report, done, interrupted = Report(), {}, False
     begin = time.perf_counter()
-    done, phases, interrupted = {}, {}, False
-    k = np.arange(options.azimuths) * (2 * np.pi / options.azimuths)
     with _Progress() as progress:
         try:
             for name in wanted:
-                start = time.perf_counter()
-                if name == "irradiance":
-                    done[name] = field.irradiance(
-                        sky, sun, options.albedo, bounces=options.bounces, azimuths=options.azimuths, progress=progress(name)
-                    )
-                elif name == "shadow":
-                    done[name] = field.shadow(sun[0], sun[1])
-                else:
-                    _by_direction(field, name, k, done, progress(name))
-                phases[name] = time.perf_counter() - start
+                with _counted(report, name):
+                    for finished in _product(field, name, options, sun, sky, progress(name), report):
+                        done[name] = finished
         except KeyboardInterrupt:
             interrupted = True
     if not done:
         raise KeyboardInterrupt
 
-    report = field.report
-    report.wall_s, report.phases = time.perf_counter() - begin, phases
+    report.wall_s = time.perf_counter() - begin
     report.memory_peak_bytes = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * (1 if sys.platform == "darwin" else 1024)
     if interrupted:
         report.notes.append("interrupted: what was finished has been written")
-    header = {"command": line, "seconds": report.wall_s, "azimuths": options.azimuths}
-    files.write(output, done, k, header, field.georeference)
+    header = {"command": line, "intervis": version("intervis"), "seconds": report.wall_s, "azimuths": options.azimuths}
+    files.write(output, done, azimuths_of(options.azimuths), header, field.spacing, field.georeference)
     if preview:
         files.write_preview(preview, done)
     print(report)
@@ -68,22 +65,44 @@ def run(options, line: str) -> int:
     return 130 if interrupted else 0
 
 
-def _by_direction(field, name, azimuths, done, progress):
-    # A direction at a time, so that an interruption keeps those that are finished
-    found = []
-    try:
-        for i, az in enumerate(azimuths):
-            if name == "horizons":
-                found.append(field.horizons([az])[0])
-            else:
-                found.append(field.sky_view([az]))
-                found = [np.sum(found, axis=0, dtype=np.float64)]
+def _product(field, name, options, sun, sky, progress, report):
+    # The product; horizons also after every direction, as far as they are
+    if name == "irradiance":
+        light = {"albedo": options.albedo, "bounces": options.bounces, "azimuths": options.azimuths}
+        out = field.irradiance(sky, sun, **light, progress=progress)
+    elif name == "skyview":
+        out = field.sky_view(options.azimuths, progress=progress)
+    elif name == "shadow":
+        out = field.shadow(sun[0], sun[1])
+    else:
+        azimuths = azimuths_of(options.azimuths)
+        out = np.empty((len(azimuths), *field.heights.shape), dtype=np.float32)
+        for i, azimuth in enumerate(azimuths):
+            out[i] = field.horizons([azimuth])[0]
+            _account(report, field.report)
+            yield out[: i + 1]
             progress(i + 1, len(azimuths))
-            done[name] = np.array(found, dtype=np.float32) if name == "horizons" else (found[0] / (i + 1)).astype(np.float32)
+        return
+    _account(report, field.report)
+    yield out
+
+
+def _account(total, part):
+    # Points without data are the same ones every time, everything else adds up
+    for mine, its in ((total.skipped, part.skipped), (total.rays, part.rays)):
+        for what, count in its.items():
+            mine[what] = count if what == "points without data" else mine.get(what, 0) + count
+    total.notes += [n for n in part.notes if n not in total.notes]
+
+
+@contextmanager
+def _counted(report, name):
+    # Seconds of a product, finished or not
+    begin = time.perf_counter()
+    try:
+        yield
     finally:
-        if name == "skyview" and name in done and i + 1 < len(azimuths):
-            # The mean over some directions is no sky view
-            del done[name]
+        report.phases[name] = report.phases.get(name, 0.0) + time.perf_counter() - begin
 
 
 def _field(options) -> HeightField:
@@ -104,13 +123,22 @@ def _field(options) -> HeightField:
 
 
 def _output(options, field) -> Path:
-    tif = field.georeference is not None
-    path = Path(options.output or f"{Path(options.dem).stem}{'.light.tif' if tif else '.exr'}")
-    if path.suffix.lower() not in (".exr", ".tif", ".npz"):
-        raise InputError(f"'output' must end in .exr, .tif or .npz (got {path})")
-    if Path(options.dem).exists() and path.exists() and path.samefile(options.dem):
-        raise InputError(f"'output' must not be the input itself (got {path})")
-    return check_writable(path, path.suffix.lower())
+    # An .exr made from an .exr must not take its place
+    kind = ".light.tif" if field.georeference else ".light.exr" if options.dem.lower().endswith(".exr") else ".exr"
+    path = Path(options.output or f"{Path(options.dem).stem}{kind}")
+    return _target("output", path, options, [".exr", ".tif", ".tiff", ".npz"])
+
+
+def _target(name, path, options, suffixes):
+    # A file that may be written: of a known kind, and none of those that are read
+    path = Path(path)
+    suffix = path.suffix.lower()
+    if suffix not in suffixes:
+        raise InputError(f"'{name}' must end in {' or '.join(suffixes)} (got {path})")
+    for source in (options.dem, options.sky):
+        if path.exists() and Path(source).exists() and path.samefile(source):
+            raise InputError(f"'{name}' must not be a file that is read (got {path}): choose another name")
+    return check_writable(path, suffix)
 
 
 def _sun(text):

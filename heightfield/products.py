@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from pathlib import Path
 
 import numpy as np
@@ -15,8 +16,7 @@ def layers_of(products: dict[str, np.ndarray], azimuths: np.ndarray) -> dict[str
     out = {}
     for name, values in products.items():
         if name == "horizons":
-            # Tenths of a degree tell any two azimuths of a sensible count apart
-            out |= {f"horizons.{np.degrees(az):05.1f}": h for az, h in zip(azimuths, values, strict=False)}
+            out |= {f"horizons.{a}": h for a, h in zip(_labels(azimuths), values, strict=False)}
         elif values.ndim == 3 and values.shape[2] == 1:
             out[name] = values[..., 0]
         elif values.ndim == 3 and values.shape[2] != 3:
@@ -26,8 +26,32 @@ def layers_of(products: dict[str, np.ndarray], azimuths: np.ndarray) -> dict[str
     return out
 
 
-def write(path: Path, products: dict, azimuths: np.ndarray, header: dict, georeference) -> None:
+def _labels(azimuths):
+    # Degrees, with as many places as it takes to tell all azimuths apart
+    degrees = np.degrees(azimuths)
+    for places in range(1, 7):
+        names = [f"{a:0{places + 4}.{places}f}" for a in degrees]
+        if len(set(names)) == len(names):
+            break
+    return names
+
+
+def write(path: Path, products: dict, azimuths: np.ndarray, header: dict, spacing, georeference=None) -> None:
     """Write products to ``path``: .exr, .tif (bands of the same names) or .npz.
+
+    Parameters
+    ----------
+    path : Path
+    products : dict of str to array
+        ``irradiance`` (rows, columns, channels), ``skyview`` and ``shadow`` (rows, columns), ``horizons`` (K, rows, columns).
+    azimuths : (≥ K,) array
+        Of the horizons, in radians.
+    header : dict
+        What made the products; in the header of an EXR, the tags of a GeoTIFF.
+    spacing : (float, float)
+        Metres between rows and columns; in the header as ``spacing.y`` and ``spacing.x``, in an archive as ``spacing``.
+    georeference : dict, optional
+        As `sources.read` returns it; without, a GeoTIFF has its north-west sample at the origin.
 
     Raises
     ------
@@ -36,15 +60,20 @@ def write(path: Path, products: dict, azimuths: np.ndarray, header: dict, georef
     """
     suffix = path.suffix.lower()
     if suffix == ".exr":
-        write_exr(path, layers_of(products, azimuths), header)
+        dy, dx = spacing
+        write_exr(path, layers_of(products, azimuths), {**header, "spacing.y": dy, "spacing.x": dx})
     elif suffix == ".npz":
-        arrays = {**products, **({"azimuths": azimuths[: len(products["horizons"])]} if "horizons" in products else {})}
+        arrays = {**products, "spacing": np.asarray(spacing)}
+        if "horizons" in products:
+            arrays["azimuths"] = np.asarray(azimuths)[: len(products["horizons"])]
         _write_whole(path, lambda temporary: np.savez_compressed(temporary, **arrays))
     else:
-        _write_whole(path, lambda temporary: _geotiff(temporary, layers_of(products, azimuths), header, georeference or {}))
+        _write_whole(
+            path, lambda temporary: _geotiff(temporary, layers_of(products, azimuths), header, spacing, georeference)
+        )
 
 
-def _geotiff(path: str, layers: dict[str, np.ndarray], header: dict, georeference: dict) -> None:
+def _geotiff(path: str, layers: dict[str, np.ndarray], header: dict, spacing, georeference) -> None:
     try:
         import rasterio
     except ImportError:
@@ -57,14 +86,20 @@ def _geotiff(path: str, layers: dict[str, np.ndarray], header: dict, georeferenc
         else:
             bands.append((name, values))
     rows, columns = bands[0][1].shape
-    flip = -1 if georeference.get("flipped") else 1
-    where = {k: georeference[k] for k in ("crs", "transform") if georeference.get(k) is not None}
+    # Samples are the pixels' centres
+    dy, dx = spacing
+    plain = {"crs": None, "transform": rasterio.Affine(dx, 0, -dx / 2, 0, -dy, dy / 2), "turned": (1, 1)}
+    where = dict(georeference or plain)
+    flip = where.pop("turned")
     profile = {"driver": "GTiff", "height": rows, "width": columns, "count": len(bands), "dtype": "float32"}
-    with rasterio.open(path, "w", **profile, **where, nodata=np.nan, compress="deflate") as file:
-        file.update_tags(**{k: str(v) for k, v in header.items()})
-        for i, (name, values) in enumerate(bands, start=1):
-            file.write(np.ascontiguousarray(values[::flip], dtype=np.float32), i)
-            file.set_band_description(i, name)
+    # A file that came without a place goes without one
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", rasterio.errors.NotGeoreferencedWarning)
+        with rasterio.open(path, "w", **profile, **where, nodata=np.nan, compress="deflate", bigtiff="if_safer") as file:
+            file.update_tags(**{k: str(v) for k, v in header.items()})
+            for i, (name, values) in enumerate(bands, start=1):
+                file.write(np.ascontiguousarray(values[:: flip[0], :: flip[1]], dtype=np.float32), i)
+                file.set_band_description(i, name)
 
 
 def write_preview(path: Path, products: dict[str, np.ndarray]) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from pathlib import Path
 
 import numpy as np
@@ -9,6 +10,7 @@ import numpy as np
 from ..errors import InputError
 
 KINDS = (".tif", ".tiff", ".npz", ".npy", ".exr", ".png")
+FEET = {"ft": 0.3048, "foot": 0.3048, "feet": 0.3048, "us survey foot": 1200 / 3937, "us-ft": 1200 / 3937}
 
 
 def read(path: Path):
@@ -17,8 +19,9 @@ def read(path: Path):
     Parameters
     ----------
     path : Path
-        .tif (with the extra ``geo``), .npz (``heights`` or ``elevation``, and ``spacing``), .npy, .exr (first channel) or
-        .png (grey, 8 or 16 bits: heights are the pixels' numbers).
+        .tif (one band; with the extra ``geo``), .npz (``heights``, ``elevation``, ``dem`` or ``z``, or the only
+        two-dimensional array; ``spacing`` and ``nodata``), .npy, .exr (channel ``heights``, ``Y`` or ``Z``, or the only one)
+        or .png (grey, 8 or 16 bits: heights are the pixels' numbers).
 
     Returns
     -------
@@ -26,12 +29,17 @@ def read(path: Path):
     options : dict
         ``spacing`` and ``nodata``, where the file has them.
     georeference : dict or None
+        ``crs`` and ``transform`` of a GeoTIFF, and ``turned``, the steps that turn its rows and columns north up.
+
+    Raises
+    ------
+    InputError
+        If the file is missing, damaged or no height map.
     """
     suffix = path.suffix.lower()
     if suffix not in KINDS:
         raise InputError(f"'{path}' must end in one of {', '.join(KINDS)}")
-    if not path.is_file():
-        raise InputError(f"'{path}' does not exist: give the path of a height map")
+    _present(path, "a height map")
     readers = {".npz": _npz, ".npy": _npy, ".exr": _exr, ".png": _png}
     try:
         return readers.get(suffix, _tif)(path)
@@ -42,38 +50,62 @@ def read(path: Path):
         raise InputError(f"'{path}' cannot be read as a height map: {first}") from e
 
 
+def _present(path, what):
+    if not path.is_file():
+        problem = "is a folder" if path.is_dir() else "does not exist"
+        raise InputError(f"'{path}' {problem}: give the path of {what}")
+
+
+def _starts(path, *magic):
+    # NumPy takes what it does not know for pickles, image readers for broken images
+    with path.open("rb") as file:
+        begin = file.read(8)
+    if not begin.startswith(magic):
+        raise InputError(f"'{path}' cannot be read as a height map: it is empty or no {path.suffix[1:]} file")
+
+
 def _npy(path):
+    _starts(path, b"\x93NUMPY")
     return np.load(path, allow_pickle=False), {}, None
 
 
 def _npz(path):
+    _starts(path, b"PK")
     with np.load(path, allow_pickle=False) as data:
+        flat = [n for n in data if data[n].ndim == 2]
         name = next((n for n in ("heights", "elevation", "dem", "z") if n in data), None)
-        name = name or next((n for n in data if data[n].ndim == 2), None)
-        if name is None:
-            raise InputError(
-                f"'{path}' must hold a two-dimensional array called 'heights' (got {', '.join(data) or 'nothing'})"
-            )
+        if name is None and len(flat) != 1:
+            got = ", ".join(data) or "nothing"
+            raise InputError(f"'{path}' must hold a two-dimensional array called 'heights' (got {got})")
         found = {k: data[k].tolist() for k in ("spacing", "nodata") if k in data}
-        return data[name], found, None
+        return data[name or flat[0]], found, None
 
 
 def _exr(path):
     from ..images import read_exr
 
-    layers, _ = read_exr(path)
-    name = next((n for n in ("heights", "Y", "Z", "rgb", *layers) if n in layers), None)
-    values = layers[name]
-    return (values[..., 0] if values.ndim == 3 else values), {}, None
+    layers, header = read_exr(path)
+    name = next((n for n in ("heights", "Y", "Z") if n in layers), next(iter(layers)) if len(layers) == 1 else None)
+    values = None if name is None else layers[name]
+    # A grey picture may come as three equal channels
+    if values is not None and values.ndim == 3 and not np.ptp(values, axis=2).any():
+        values = values[..., 0]
+    if values is None or values.ndim != 2:
+        raise InputError(f"'{path}' must have one channel, or one called 'heights' (got {', '.join(layers)})")
+    spacing = [header[f"spacing.{k}"] for k in ("y", "x") if f"spacing.{k}" in header]
+    return values, {"spacing": spacing} if len(spacing) == 2 else {}, None
 
 
 def _png(path):
     import mitsuba as mi
 
-    values = np.array(mi.Bitmap(str(path)))
-    if values.ndim == 3 and values.shape[2] > 1 and np.ptp(values[..., :3], axis=2).any():
+    _starts(path, b"\x89PNG")
+    values = np.atleast_3d(np.array(mi.Bitmap(str(path))))
+    # Two or four channels: the last is opacity
+    colours = values[..., : {2: 1, 4: 3}.get(values.shape[2])]
+    if (colours != colours[..., :1]).any():
         raise InputError(f"'{path}' must be a grey image (got one with colours)")
-    return (values[..., 0] if values.ndim == 3 else values), {}, None
+    return colours[..., 0], {}, None
 
 
 def _tif(path):
@@ -83,30 +115,40 @@ def _tif(path):
         raise InputError(f"'{path}' needs rasterio to be read: install it with `pip install intervis[geo]`") from None
     from .fields import metres
 
-    with rasterio.open(path) as file:
-        values = file.read(1, masked=True)
-        dx, dy = abs(file.transform.a), abs(file.transform.e)
-        georeference = {"crs": file.crs, "transform": file.transform}
-        if file.transform.b or file.transform.d:
-            raise InputError(f"'{path}' must be north up (got a rotated raster): warp it first, with gdalwarp for example")
-        if file.crs is not None and file.crs.is_geographic:
-            spacing = metres(dy, dx, (file.bounds.top + file.bounds.bottom) / 2)
-        else:
-            factor = file.crs.linear_units_factor[1] if file.crs is not None and file.crs.is_projected else 1.0
-            spacing = dy * factor, dx * factor
-        # A file whose rows run from south to north
-        if file.transform.e > 0:
-            values = values[::-1]
-            georeference["flipped"] = True
-    return np.ma.filled(values.astype(np.float64), np.nan), {"spacing": spacing}, georeference
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", rasterio.errors.NotGeoreferencedWarning)
+        with rasterio.open(path) as file:
+            if file.count != 1:
+                raise InputError(f"'{path}' must have one band (got {file.count}): take one, with gdal_translate -b 1")
+            if np.dtype(file.dtypes[0]).kind not in "fiu":
+                raise InputError(f"'{path}' must hold real numbers (got {file.dtypes[0]})")
+            t = file.transform
+            if t.b or t.d:
+                raise InputError(f"'{path}' must be north up (got a rotated raster): warp it, with gdalwarp for example")
+            try:
+                values = np.ma.filled(file.read(1, masked=True).astype(np.float64), np.nan)
+            except rasterio.errors.RasterioIOError:
+                raise InputError(f"'{path}' cannot be read as a height map: it is damaged or cut short") from None
+            # Stored numbers become metres
+            unit = FEET.get((file.units[0] or "").lower(), 1.0)
+            values = (values * file.scales[0] + file.offsets[0]) * unit
+            dx, dy = abs(t.a), abs(t.e)
+            if file.crs is not None and file.crs.is_geographic:
+                spacing = metres(dy, dx, (file.bounds.top + file.bounds.bottom) / 2)
+            else:
+                factor = file.crs.linear_units_factor[1] if file.crs is not None and file.crs.is_projected else 1.0
+                spacing = dy * factor, dx * factor
+            # Rows may run from south to north, columns from east to west
+            turned = (-1 if t.e > 0 and t != rasterio.Affine.identity() else 1, -1 if t.a < 0 else 1)
+            georeference = {"crs": file.crs, "transform": t, "turned": turned}
+    return values[:: turned[0], :: turned[1]], {"spacing": spacing}, georeference
 
 
 def read_map(path: Path) -> np.ndarray:
     """Read an environment map from an OpenEXR: (h, w, channels), first row straight up, columns clockwise from north."""
     from ..images import read_exr
 
-    if not path.is_file():
-        raise InputError(f"'{path}' does not exist: give the path of an environment map")
+    _present(path, "an environment map")
     layers, _ = read_exr(path)
     values = layers.get("rgb", layers.get("Y"))
     if values is None:
