@@ -192,7 +192,7 @@ def _lines(part, options, note):
 
 def _furnace(part, options, note):
     # Everything shines alike: whatever a receiver sees, it gathers π
-    size, table, worst = 48 if options.quick else 256, [], 0.0
+    size, table, worst = 48 if options.quick else 128, [], 0.0
     for name in FIELDS:
         note(f"white furnace: {name}")
         e = HeightField(make(name, size)).irradiance(sky=1.0, emission=1.0, albedo=0.0, bounces=0)

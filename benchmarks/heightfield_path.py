@@ -26,7 +26,9 @@ def scene_of(field: HeightField, sky: float, sun, albedo: float):
     return mi.load_dict(out)
 
 
-def path_irradiance(field: HeightField, sky: float, sun, albedo: float, bounces: int, samples: int, seed: int = 0):
+def path_irradiance(
+    field: HeightField, sky: float, sun, albedo: float, bounces: int, samples: int, seed: int = 0, scene=None
+):
     """Irradiance of every grid point from cosine-distributed paths.
 
     Parameters
@@ -38,13 +40,15 @@ def path_irradiance(field: HeightField, sky: float, sun, albedo: float, bounces:
     samples : int
         Paths a point.
     seed : int
+    scene : mitsuba.Scene, optional
+        What `scene_of` returned for the same lights.
 
     Returns
     -------
     (rows, columns) float64 array
         W/m².
     """
-    scene = scene_of(field, sky, sun, albedo)
+    scene = scene_of(field, sky, sun, albedo) if scene is None else scene
     integrator = mi.load_dict({"type": "path", "max_depth": bounces + 1, "rr_depth": 1000})
     rows, columns = field.heights.shape
     y, x = np.mgrid[:rows, :columns]

@@ -54,6 +54,7 @@ def ladders(path: Path, found: dict[str, tuple]) -> None:
         axis.set(xscale="log", yscale="log")
         axis.set_title(name, fontsize=9)
         axis.tick_params(labelsize=7)
+        axis.yaxis.set_major_formatter("{x:g}")
         axis.xaxis.set_minor_formatter(NullFormatter())
         axis.grid(alpha=0.25)
     for axis in axes[:, 0]:
@@ -73,10 +74,11 @@ def shape(path: Path, data) -> None:
     for k, (label, by) in enumerate((("K, azimuths", by_k), ("S, samples a cell", by_s))):
         axes[0].plot(list(by), [100 * e for e in by.values()], "o-", ms=3, lw=1.3, color=f"C{3 - 3 * k}", label=label)
     axes[0].set(xscale="log", yscale="log", xlabel="K or S", ylabel="mean error of indirect light, %")
-    axes[0].xaxis.set_major_locator(FixedLocator(list(by_k)))
+    axes[0].xaxis.set_major_locator(FixedLocator([1, *by_k]))
     axes[0].xaxis.set_minor_locator(NullLocator())
-    axes[0].set_xticklabels([str(k) for k in by_k], fontsize=7)
+    axes[0].set_xticklabels([str(k) for k in (1, *by_k)], fontsize=7)
     axes[0].tick_params(axis="y", labelsize=7)
+    axes[0].yaxis.set_major_formatter("{x:g}")
     axes[0].legend(fontsize=7)
     axes[0].grid(alpha=0.25)
     axes[1].imshow(truth, cmap="gray", vmin=0, vmax=np.percentile(truth, 99))
