@@ -14,7 +14,7 @@ from ..errors import InputError
 from ..report import Report
 from . import gather, hull, intervisibility, light, march, surface
 from .check import choice, grid, number, reals, spacing_of
-from .sweep import azimuths_of, direction
+from .sweep import azimuths_of, direction, packed
 
 EARTH = 6_371_000.0  # m
 REFRACTION = 0.13  # of the Earth's curvature, standard for light near the ground
@@ -129,7 +129,8 @@ class HeightField:
         with self._reported(len(k)):
             for n, t in enumerate(self._tangents(k, method, progress)):
                 np.arctan(t, out=out[n])
-                out[n][~self.valid] = np.nan
+        if not self.valid.all():
+            out[:, ~self.valid] = np.nan
         return out
 
     def sky_view(self, azimuths=72, *, weighting="cosine", method="auto", progress=None) -> np.ndarray:
@@ -331,16 +332,18 @@ class HeightField:
     def _tangents(self, azimuths, method, progress=None):
         # Tangents of the horizons, a direction at a time; the same direction twice is looked at once
         choice("method", method, METHODS)
-        before = (None, None)
+        before, way, turned = (None, None), None, None
         for n, azimuth in enumerate(azimuths):
             if azimuth != before[0]:
                 d = direction(azimuth, self.spacing)
-                turned, reach = d.turn(self._turned), self._reach(d)
-                if method == "march" or reach is not None:
+                reach = self._reach(d)
+                if way != (d.transpose, d.flip_rows, d.flip_columns):
+                    way, turned = (d.transpose, d.flip_rows, d.flip_columns), packed(d.turn(self._turned))
+                if method == "march" or reach is not None or turned.shape[1] > hull.LONGEST:
                     t = march.horizons(turned, d, self.curve, reach)
                 else:
                     t = hull.horizons(turned, d, self.curve)
-                before = (azimuth, np.ascontiguousarray(d.back(t)))
+                before = (azimuth, packed(d.back(t)))
             yield before[1]
             if progress:
                 progress(n + 1, len(azimuths))

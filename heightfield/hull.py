@@ -1,172 +1,156 @@
-"""Global horizons by hull stacks: near the receiver exactly, beyond by shared lines.
+"""Global horizons by hull stacks: near the receiver exactly, beyond by shared lines that say where to look.
 
 Only the highest horizon is wanted here, so one upper convex hull a line is enough (Timonen and Westerholm 2010; the paper's
-§2 names it as its ancestor): samples are pushed from the far end of the line, the receiver's horizon is the tangent to the
-hull. Lines are parallel, `lines` of them a row, and each grid point takes the nearest. A line misses its receivers by at
-most half its spacing, which matters less the farther the occluder: the first `near` columns are therefore marched on the
-receiver's own ray, where the error would be largest.
+§2 names it as its ancestor): samples are pushed from the far end of the line, and the receiver's horizon is the tangent to
+the hull. As on the paper's graphics hardware (§8) a line is one lane of a vector, written once in Dr.Jit, for LLVM and CUDA.
+
+Lines are parallel, `LINES` of them a row, and each grid point takes the nearest. A line tells a receiver only *in which
+column* its horizon is; the receiver's own ray over the cells around it tells how high. The first `NEAR` columns, where a line
+beside the receiver would mislead most, are marched.
 """
 
 from __future__ import annotations
 
-import numba as nb
+import functools
+import math
+
+import drjit as dr
 import numpy as np
 
 from . import march
 
-NEAR = 8  # columns marched exactly
+NEAR = 16  # columns marched exactly
 LINES = 2  # shared lines a row, beyond
+LONGEST = 1 << 15  # columns; a lane's hull lives on the thread's stack
 
 
-@nb.njit(cache=True, inline="always")
-def _push(x, h, bend, px, ph, n):
-    # A parabola for the Earth's curvature: one for the whole line keeps the order of slopes at every receiver
-    h -= bend * x * x
-    # Samples come nearer and nearer: drop what the new one and the one below it overtop
-    while n >= 2:
-        a, b = n - 1, n - 2
-        if (ph[a] - h) * (px[b] - x) > (ph[b] - h) * (px[a] - x):
-            break
-        n -= 1
-    px[n], ph[n] = x, h
-    return n + 1
+@functools.cache
+def _types():
+    # Dr.Jit's array types of the fastest backend there is
+    if dr.has_backend(dr.JitBackend.CUDA):
+        from drjit import cuda as backend
+    else:
+        from drjit import llvm as backend
+    return backend.Float, backend.Float64, backend.Int32, backend.UInt32
 
 
-@nb.njit(cache=True)
-def _cell(heights, i, j, k, slope, bend, diagonal):
-    # Steepest rise a column from grid point (i, j) to the crossings of its own ray in columns k (included) to k + 1
-    rows, columns = heights.shape
-    y = slope * k
-    r = int(y)
-    f = y - r
-    r += i
-    x = j + k
-    if x >= columns or r >= rows:
-        return -np.inf
-    h = heights[i, j]
-    best = -np.inf
+@dr.syntax
+def _locate(heights, where, rows, columns, slope, bend, diagonal, shared, first, per_row, near, depth):
+    """Write to ``where`` the column of every receiver's horizon beyond ``near`` columns, as its line sees it."""
+    Float, Float64, Int32, UInt32 = _types()
+    b = Float64(first) + Float64(dr.arange(Int32, per_row * shared)) / shared
+    half = 0.5 / shared
+    # Columns over which the line lies on the field
+    x0 = dr.maximum(0, Int32(dr.ceil((-half - b) / slope - 1e-9)))
+    x1 = dr.minimum(columns - 1, Int32(dr.floor((Float64(rows - 1) - b) / slope + 1e-9)))
+    level = slope == 0
+    x0 = dr.select(level, 0, x0)
+    x1 = dr.select(level, dr.select((b > rows - 1 + half) | (b < -half), -1, columns - 1), x1)
+    px, ph = dr.alloc_local(Float, depth), dr.alloc_local(Float, depth)
+    # Of full width from the start: loops keep no lane apart in what begins as one number
+    x, slope32 = Int32(x1), Float(slope)
+    n = 0 * x
+    # The two nearest corners of the hull, t before u, are kept at hand
+    tx, th, ux, uh, beyond = (Float(n) for _ in range(5))
+    while dr.hint(x >= x0, mode="symbolic"):
+        # Push the line's sample `near` columns ahead, and drop what it and the corner below it overtop
+        c = x + near
+        new = c <= x1
+        y = dr.clip(b + slope * Float64(c), 0, Float64(rows - 1))
+        r = Int32(y)
+        f = Float(y - Float64(r))
+        h = dr.gather(Float, heights, r * columns + c, new)
+        between = new & (r + 1 < rows)
+        g = dr.gather(Float, heights, (r + 1) * columns + c, between)
+        edge = dr.select(between, h + f * (g - h), h)
+        # Where the next cell's diagonal rises above the straight way through it, that crossing stands for the sample
+        between &= c < x1
+        across = dr.gather(Float, heights, (r + 1) * columns + c + 1, between)
+        if dr.hint(diagonal, mode="scalar"):
+            t = f / (1 - slope32)
+            ridge = h + t * (across - h)
+        else:
+            t = (1 - f) / (1 + slope32)
+            other = dr.gather(Float, heights, r * columns + c + 1, between)
+            ridge = g + t * (other - g)
+        rises = between & (t > 0) & (t < 1) & (ridge > edge + t * (beyond - edge))
+        beyond = dr.select(new, edge, beyond)
+        cf = Float(c) + dr.select(rises, t, 0)
+        # A parabola for the Earth's curvature: one for the whole line keeps the order of slopes at every receiver
+        h = dr.select(rises, ridge, edge) - bend * cf * cf
+        drop = new & (n >= 2)
+        while dr.hint(drop, mode="symbolic"):
+            drop &= ~((th - h) * (ux - cf) > (uh - h) * (tx - cf))
+            n = dr.select(drop, n - 1, n)
+            tx, th = dr.select(drop, ux, tx), dr.select(drop, uh, th)
+            drop &= n >= 2
+            q = UInt32(n - 2)
+            ux, uh = dr.select(drop, px.read(q, drop), ux), dr.select(drop, ph.read(q, drop), uh)
+        px.write(cf, UInt32(n), new)
+        ph.write(h, UInt32(n), new)
+        ux, uh = dr.select(new, tx, ux), dr.select(new, th, uh)
+        tx, th = dr.select(new, cf, tx), dr.select(new, h, th)
+        n = dr.select(new, n + 1, n)
+
+        # The receiver in this column whose nearest line this is: slopes along the hull rise, then fall
+        y = b + slope * Float64(x)
+        i = Int32(dr.floor(y + 0.5))
+        d = y - Float64(i)
+        mine = (n > 0) & (i >= 0) & (i < rows) & (d > -half) & (d <= half)
+        if dr.hint(mine, mode="symbolic"):
+            xf = Float(x)
+            own = dr.gather(Float, heights, i * columns + x, mine) - bend * xf * xf
+            at, best, k = Float(tx), (th - own) / (tx - xf), n - 1
+            more = mine & (k > 0)
+            while dr.hint(more, mode="symbolic"):
+                q = UInt32(k - 1)
+                ahead = px.read(q, more)
+                rise = (ph.read(q, more) - own) / (ahead - xf)
+                more &= rise > best
+                best, at = dr.select(more, rise, best), dr.select(more, ahead, at)
+                k = dr.select(more, k - 1, k)
+                more &= k > 0
+            dr.scatter(where, Int32(at), i * columns + x, mine)
+        x -= 1
+
+
+def _cell(heights, i, j, h0, k, slope, bend, rows, columns, diagonal, active):
+    # Steepest rise a column from receivers (i, j) to the crossings of their own rays in columns k (included) to k + 1
+    Float, _, Int32, _ = _types()
+    kf = Float(k)
+    y = slope * kf
+    r = Int32(y)
+    f = y - Float(r)
+    r, x = r + i, j + k
     s = r + 1
-    if f == 0.0:
-        best = (heights[r, x] - h) / k - bend * k
-    elif s < rows:
-        best = (heights[r, x] + f * (heights[s, x] - heights[r, x]) - h) / k - bend * k
-    if x + 1 < columns and s < rows:
-        a, b = heights[s, x], heights[s, x + 1]
-        if f + slope > 1.0:
-            t = (1.0 - f) / slope
-            best = max(best, (a + t * (b - a) - h) / (k + t) - bend * (k + t))
-            if not diagonal and s + 1 < rows:
-                t = (2.0 - f) / (1.0 + slope)
-                if t < 1.0:
-                    best = max(best, (heights[s + 1, x] + t * (b - heights[s + 1, x]) - h) / (k + t) - bend * (k + t))
-        elif diagonal and slope < 1.0:
-            t = f / (1.0 - slope)
-            if 0.0 < t < 1.0:
-                best = max(best, (heights[r, x] + t * (b - heights[r, x]) - h) / (k + t) - bend * (k + t))
-        if not diagonal:
-            t = (1.0 - f) / (1.0 + slope)
-            if t < 1.0:
-                best = max(best, (a + t * (heights[r, x + 1] - a) - h) / (k + t) - bend * (k + t))
+    at = r * columns + x
+    on = active & (x < columns) & (r < rows)
+    below = on & (s < rows)
+
+    def height(offset, mask):
+        return dr.gather(Float, heights, at + offset, mask)
+
+    def rise(a, b, t, distance):
+        return (a + t * (b - a) - h0) / distance - bend * distance
+
+    best = Float(-dr.inf)
+    a, b = height(0, on), height(columns, below)
+    best = dr.select(below, rise(a, b, f, kf), dr.select(on & (f == 0), rise(a, a, 0, kf), -dr.inf))
+    inner = below & (x + 1 < columns)
+    d = height(columns + 1, inner)
+    climbs = f + slope > 1
+    t = (1 - f) / slope
+    best = dr.select(inner & climbs, dr.maximum(best, rise(b, d, t, kf + t)), best)
+    if diagonal:
+        t = f / (1 - slope)
+        best = dr.select(inner & ~climbs & (t > 0) & (t < 1), dr.maximum(best, rise(a, d, t, kf + t)), best)
+    else:
+        t = (1 - f) / (1 + slope)
+        best = dr.select(inner & (t < 1), dr.maximum(best, rise(b, height(1, inner), t, kf + t)), best)
+        t = (2 - f) / (1 + slope)
+        inner &= climbs & (s + 1 < rows) & (t < 1)
+        best = dr.select(inner, dr.maximum(best, rise(height(2 * columns, inner), d, t, kf + t)), best)
     return best
-
-
-@nb.njit(cache=True, parallel=True)
-def _far(heights, slope, step, diagonal, bend, near, lines, out):
-    rows, columns = heights.shape
-    climb = slope * (columns - 1)
-    first = -int(np.ceil(climb * lines)) - 1
-    count = (rows - 1) * lines - first + 2
-    half = 0.5 / lines
-    # How much a horizon beyond `near` may differ, per row that the line misses its receiver by
-    steepest = np.float32(0)
-    for i in range(rows - 1):
-        for j in range(columns):
-            steepest = max(steepest, abs(heights[i + 1, j] - heights[i, j]))
-    fall = steepest / near
-    for m in nb.prange(count):
-        b = (m + first) / lines
-        # Columns over which the line lies on the field
-        x0, x1 = 0, columns - 1
-        if slope > 0:
-            x0 = max(0, int(np.ceil((-half - b) / slope - 1e-9)))
-            x1 = min(columns - 1, int(np.floor((rows - 1 - b) / slope + 1e-9)))
-        elif b > rows - 1 + half or b < -half:
-            x1 = -1
-        if x1 < x0:
-            continue
-        px, ph = np.empty(3 * (x1 - x0) + 8, np.float64), np.empty(3 * (x1 - x0) + 8, np.float64)
-        n = 0
-        x = x1
-        while x >= x0:
-            y = b + slope * x
-            # Far samples: the cells between columns x + near and x + near + 1, then the column edge at x + near
-            c = x + near
-            if c <= x1:
-                # Receivers at the border may have their line half a spacing outside
-                yc = min(max(b + slope * c, 0.0), rows - 1.0)
-                if abs(yc - (b + slope * c)) <= half:
-                    r = min(int(yc), rows - 1)
-                    f = yc - r
-                    if c < columns - 1:
-                        f1 = f + slope
-                        s = r + 1
-                        if s < rows:
-                            if not diagonal:
-                                if f1 > 1 and s + 1 < rows:
-                                    t = (2 - f) / (1 + slope)
-                                    if t < 1:
-                                        n = _push(
-                                            c + t,
-                                            heights[s + 1, c] + t * (heights[s, c + 1] - heights[s + 1, c]),
-                                            bend,
-                                            px,
-                                            ph,
-                                            n,
-                                        )
-                                if f1 > 1:
-                                    t = (1 - f) / slope
-                                    n = _push(c + t, heights[s, c] + t * (heights[s, c + 1] - heights[s, c]), bend, px, ph, n)
-                                t = (1 - f) / (1 + slope)
-                                if t < 1:
-                                    n = _push(c + t, heights[s, c] + t * (heights[r, c + 1] - heights[s, c]), bend, px, ph, n)
-                            elif f1 > 1:
-                                t = (1 - f) / slope
-                                n = _push(c + t, heights[s, c] + t * (heights[s, c + 1] - heights[s, c]), bend, px, ph, n)
-                            elif f1 < 1 and f > 0:
-                                t = f / (1 - slope)
-                                n = _push(c + t, heights[r, c] + t * (heights[s, c + 1] - heights[r, c]), bend, px, ph, n)
-                    h = heights[r, c]
-                    if f > 0 and r + 1 < rows:
-                        h += f * (heights[r + 1, c] - h)
-                    n = _push(c, h, bend, px, ph, n)
-            # The receiver at this column, if its nearest line is this one
-            i = int(np.floor(y + 0.5))
-            d = y - i
-            if n > 0 and 0 <= i < rows and -half < d <= half:
-                h = heights[i, x] - bend * x * x
-                k = n - 1
-                best = (ph[k] - h) / (px[k] - x)
-                # Slopes along the hull rise, then fall
-                while k > 0:
-                    rise = (ph[k - 1] - h) / (px[k - 1] - x)
-                    if rise <= best:
-                        break
-                    best = rise
-                    k -= 1
-                # Back to the receiver's own datum; nothing to do where the near horizon is higher for certain
-                best += 2 * bend * x
-                if best + abs(d) * fall < out[i, x] * step:
-                    x -= 1
-                    continue
-                # The line has found where the horizon is; the receiver's own ray says how high
-                c = int(px[k]) - x
-                best = max(_cell(heights, i, x, c, slope, bend, diagonal), _cell(heights, i, x, c + 1, slope, bend, diagonal))
-                if c > near:
-                    best = max(best, _cell(heights, i, x, c - 1, slope, bend, diagonal))
-                t = np.float32(best / step)
-                if t > out[i, x]:
-                    out[i, x] = t
-            x -= 1
 
 
 def horizons(heights, d, curve: float = 0.0, near: int = NEAR, lines: int = LINES) -> np.ndarray:
@@ -175,7 +159,7 @@ def horizons(heights, d, curve: float = 0.0, near: int = NEAR, lines: int = LINE
     Parameters
     ----------
     heights : (rows, columns) float32 array
-        Turned heights, centred.
+        Turned heights, centred; at most `LONGEST` columns.
     d : sweep.Direction
     curve : float
         Drop of the Earth's surface over squared distance, 1/m.
@@ -189,10 +173,45 @@ def horizons(heights, d, curve: float = 0.0, near: int = NEAR, lines: int = LINE
     (rows, columns) float32 array
         −inf where nothing of the field lies in the direction.
     """
+    Float, Float64, Int32, _ = _types()
     heights = np.ascontiguousarray(heights, dtype=np.float32)
     out = march.horizons(heights, d, curve, near)
-    if heights.shape[1] - 1 > near:
-        # Where every ray through a grid point is a line of the grid, one line a row is all there is
-        lines = 1 if d.slope in (0.0, 1.0) else lines
-        _far(heights, d.slope, d.step, d.diagonal, curve * d.step**2, near, lines, out)
-    return out
+    shape = heights.shape
+    if shape[1] - 1 <= near:
+        return out
+    # Where every ray through a grid point is a line of the grid, one line a row is all there is (and exact, but for crossings
+    # that displace a sample where slope is 1 and cells are cut the other way)
+    lines = 1 if d.slope in (0.0, 1.0) else lines
+    first = -math.ceil(d.slope * (shape[1] - 1)) - 1
+    field, where = Float(heights.ravel()), dr.full(Int32, -1, heights.size)
+    # Opaque: one kernel for every direction and field
+    rows, columns, near = (dr.opaque(Int32, v) for v in (*shape, near))
+    slope, bend, step = dr.opaque(Float64, d.slope), dr.opaque(Float, curve * d.step**2), dr.opaque(Float, d.step)
+    dr.eval(field, where, rows, columns, near, slope, bend, step)
+    depth = 1 << (shape[1] - 1).bit_length()
+    _locate(
+        field,
+        where,
+        rows,
+        columns,
+        slope,
+        bend,
+        d.diagonal,
+        lines,
+        dr.opaque(Int32, first),
+        shape[0] + 1 - first,
+        near,
+        depth,
+    )
+    dr.eval(where)
+
+    # How high: on the receiver's own ray, around that column
+    index = dr.arange(Int32, heights.size)
+    i = Int32((Float64(index) + 0.5) * dr.opaque(Float64, 1 / shape[1]))
+    j = index - i * columns
+    k, slope = where - j, Float(slope)
+    found = where >= 0
+    h = dr.gather(Float, field, index)
+    rise = [_cell(field, i, j, h, k + o, slope, bend, rows, columns, d.diagonal, found & (k + o >= near)) for o in (-1, 0, 1)]
+    far = functools.reduce(dr.maximum, rise) / step
+    return np.maximum(out, far.numpy().reshape(shape))

@@ -10,7 +10,7 @@ from __future__ import annotations
 import numba as nb
 import numpy as np
 
-BLOCK = 32  # receivers marched together
+BLOCK = 64  # receivers marched together
 
 
 @nb.njit(cache=True)

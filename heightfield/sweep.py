@@ -10,7 +10,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numba as nb
 import numpy as np
+
+TILE = 8  # samples a side, copied together
 
 
 @dataclass(frozen=True)
@@ -46,6 +49,24 @@ class Direction:
         """Undo `turn`."""
         grid = grid[..., :: -1 if self.flip_rows else 1, :: -1 if self.flip_columns else 1]
         return np.swapaxes(grid, -1, -2) if self.transpose else grid
+
+
+@nb.njit(cache=True, parallel=True)
+def _tiles(grid):
+    # By tiles: a transposed row touches a cache line a sample
+    rows, columns = grid.shape
+    out = np.empty((rows, columns), grid.dtype)
+    for t in nb.prange((rows + TILE - 1) // TILE):
+        for c in range(0, columns, TILE):
+            for i in range(t * TILE, min((t + 1) * TILE, rows)):
+                for j in range(c, min(c + TILE, columns)):
+                    out[i, j] = grid[i, j]
+    return out
+
+
+def packed(grid: np.ndarray) -> np.ndarray:
+    """Return a contiguous copy of a two-dimensional view, or the view itself if it is contiguous."""
+    return np.ascontiguousarray(grid) if abs(grid.strides[1]) == grid.itemsize else _tiles(grid)
 
 
 def direction(azimuth: float, spacing: tuple[float, float]) -> Direction:

@@ -66,9 +66,9 @@ def test_marching_equals_brute_force(seed, azimuth, kind, shape, spacing):
 
 @pytest.mark.parametrize("name", ["fractal", "blocks", "bowl", "random"])
 def test_shared_lines_find_the_horizon(name):
-    """The default differs from marching by less than 0.05° at 99 % of the points, and by nothing along the grid."""
+    """The default differs from marching by less than 0.05° at 99 % of the points, and by nothing along rows and the diagonals of its cells."""
     field = HeightField(make(name, 128, seed=3))
-    azimuths = np.array([0.0, np.pi / 4, 0.3, 1.1, 2.5, 4.0, 5.9])
+    azimuths = np.array([0.0, 3 * np.pi / 4, 0.3, 1.1, 2.5, 4.0, 5.9])
     exact, fast = field.horizons(azimuths, method="march"), field.horizons(azimuths)
     np.testing.assert_allclose(fast[:2], exact[:2], atol=1e-5)
     assert np.percentile(np.degrees(np.abs(fast - exact)), 99) < 0.05
