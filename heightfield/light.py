@@ -8,7 +8,7 @@ from ..errors import InputError
 from .check import number, reals
 
 SUN_RADIUS = np.radians(0.2666)  # mean angular radius of the sun
-ROWS = 721  # elevations at which a sky given as a function is sampled
+ROWS = 2048  # elevations at which a sky is sampled, as many as `gather` tabulates
 
 
 def tangent_plane(n: np.ndarray, azimuth: float) -> np.ndarray:
@@ -98,24 +98,31 @@ def _called(sky, azimuths, elevations):
 
 
 def _map_columns(pixels, azimuths, elevations):
-    # Means over each sector: a bright sun between two azimuths must not be lost
+    # Means over each sector and step of elevation: a bright sun between two of them must not be lost. As in Mitsuba, rows
+    # stand at 0 to π from the zenith, ends included, and columns at the middle of their share of the circle
     height, width, _ = pixels.shape
-    edges = np.concatenate([np.zeros((1, *pixels.shape[::2])), np.cumsum(np.swapaxes(pixels, 0, 1), axis=0)])
+    half = np.pi / (len(elevations) - 1) / 2
+    ends = ((np.pi / 2 - np.clip(elevations + d, -np.pi / 2, np.pi / 2)) / np.pi * (height - 1) for d in (half, -half))
+    rows = (
+        np.swapaxes(_means(pixels, *ends), 0, 1) if height > 1 else np.repeat(np.swapaxes(pixels, 0, 1), len(elevations), 1)
+    )
+    # Three times around, so that no sector is cut
+    round_ = np.concatenate([rows] * 3 + [rows[:1]])
     half = np.pi / len(azimuths)
-    rows = np.clip((np.pi / 2 - elevations) / np.pi * height - 0.5, 0, height - 1)
+    first = np.mod(azimuths - half, 2 * np.pi) / (2 * np.pi) * width - 0.5 + width
+    return list(_means(round_, first, first + width / len(azimuths)))
+
+
+def _means(values, begin, end):
+    # Means of the straight lines through values at 0, 1, 2 …, from positions ``begin`` to ``end``
+    whole = np.concatenate([np.zeros((1, *values.shape[1:])), np.cumsum((values[1:] + values[:-1]) / 2, axis=0)])
 
     def integral(x):
-        # Of the map from column 0 to x columns, going round as often as it takes
-        turn, x = np.divmod(x, width)
-        k = min(int(x), width - 1)
-        return turn * edges[-1] + edges[k] + (x - k) * (edges[k + 1] - edges[k])
+        k = np.clip(x.astype(int), 0, len(values) - 2)
+        t = (x - k).reshape(-1, *[1] * (values.ndim - 1))
+        return whole[k] + t * values[k] + t * t / 2 * (values[k + 1] - values[k])
 
-    out = []
-    for az in azimuths:
-        x0, x1 = (az - half) / (2 * np.pi) * width, (az + half) / (2 * np.pi) * width
-        column = (integral(x1) - integral(x0)) / (x1 - x0)
-        out.append(np.stack([np.interp(rows, np.arange(height), column[:, c]) for c in range(column.shape[1])], -1))
-    return out
+    return (integral(end) - integral(begin)) / (end - begin).reshape(-1, *[1] * (values.ndim - 1))
 
 
 def sunlight(field, sun, n: np.ndarray, channels: int) -> np.ndarray:
