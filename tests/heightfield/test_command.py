@@ -1,0 +1,312 @@
+"""``intervis heightfield``: what it writes, what it refuses, and what an interruption leaves."""
+
+import os
+import signal
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from intervis.cli import main
+from intervis.heightfield import HeightField, command, example, make
+from intervis.images import read_exr, write_exr
+
+
+@pytest.fixture
+def here(tmp_path, monkeypatch):
+    """An empty working folder."""
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def run(*words):
+    return main(["heightfield", *(str(w) for w in words)])
+
+
+def dem(path="dem.npz", size=24):
+    heights = make("fractal", size, seed=1)
+    np.savez(path, heights=heights, spacing=(2.0, 1.0))
+    return HeightField(heights, (2.0, 1.0))
+
+
+SUN = (np.radians(135.0), np.radians(30.0), 900.0)
+
+
+def expected(field, product, k=6):
+    return {
+        "irradiance": lambda: field.irradiance(20.0, SUN, 0.4, bounces=1, azimuths=k)[..., 0],
+        "skyview": lambda: field.sky_view(k),
+        "horizons": lambda: field.horizons(k),
+        "shadow": lambda: field.shadow(*SUN[:2]),
+    }[product]()
+
+
+LIGHT = ("--sun", "135,30,900", "--sky", 20, "--albedo", 0.4, "--bounces", 1, "--azimuths", 6)
+
+
+@pytest.mark.parametrize("product", ["irradiance", "skyview", "horizons", "shadow"])
+def test_products_are_those_of_the_python_side(here, product):
+    field = dem()
+    assert run("dem.npz", "--products", product, *LIGHT, "-o", "out.npz") == 0
+    with np.load("out.npz") as data:
+        found = data[product][..., 0] if product == "irradiance" else data[product]
+        np.testing.assert_array_equal(found, expected(field, product))
+        assert set(data) == {product, "spacing"} | ({"azimuths"} if product == "horizons" else set())
+
+
+@pytest.mark.parametrize("suffix", [".exr", ".npz", ".tif", ".tiff"])
+def test_every_product_in_every_format(here, capsys, suffix):
+    field = dem()
+    everything = "irradiance, skyview,horizons,shadow"
+    assert run("dem.npz", "--products", everything, *LIGHT, "-o", f"out{suffix}") == 0
+    share = expected(field, "skyview")
+    if suffix == ".npz":
+        with np.load("out.npz") as data:
+            layers = dict(data)
+    elif suffix == ".exr":
+        layers, header = read_exr("out.exr")
+        assert header["command"].startswith("intervis heightfield dem.npz --products") and header["azimuths"] == 6
+    else:
+        rasterio = pytest.importorskip("rasterio")
+        with rasterio.open(f"out{suffix}") as file:
+            layers = dict(zip(file.descriptions, file.read(), strict=True))
+    np.testing.assert_array_equal(layers["skyview"], share)
+    if suffix != ".npz":
+        assert len(layers) == 9
+        np.testing.assert_array_equal(layers["horizons.060.0"], expected(field, "horizons")[1])
+    # The report tells the time of each, and where it went
+    printed = capsys.readouterr().out
+    assert all(word in printed for word in ("time", "irradiance", "skyview", "horizons", "shadow", "MiB peak"))
+    assert printed.rstrip().endswith(f"out{suffix}")
+
+
+def test_default_names(here, capsys):
+    """Here, not beside the input; a GeoTIFF's product is one too, and no product takes its own input's name."""
+    (here / "data").mkdir()
+    dem("data/dem.npz")
+    assert run("data/dem.npz", "--products", "skyview", "--azimuths", 2) == 0
+    assert run("sine", "--size", 8, "--products", "skyview", "--azimuths", 2) == 0
+    write_exr("h.exr", {"heights": np.zeros((4, 5))})
+    before = (here / "h.exr").read_bytes()
+    assert run("h.exr", "--products", "skyview", "--azimuths", 2) == 0
+    assert (here / "h.exr").read_bytes() == before
+    assert {p.name for p in here.glob("*.*")} == {"dem.exr", "sine.exr", "h.exr", "h.light.exr"}
+    rasterio = pytest.importorskip("rasterio")
+    profile = {"count": 1, "height": 5, "width": 4, "dtype": "int16", "crs": "EPSG:32633"}
+    place = rasterio.Affine(10, 0, 5e5, 0, -10, 5e6)
+    with rasterio.open("dem.tif", "w", driver="GTiff", transform=place, **profile) as file:
+        file.write(np.zeros((1, 5, 4), np.int16))
+    assert run("dem.tif", "--azimuths", 2) == 0
+    with rasterio.open("dem.light.tif") as file:
+        assert file.crs.to_epsg() == 32633 and file.transform == place and file.descriptions == ("irradiance",)
+
+
+def test_built_in_fields(here):
+    pytest.importorskip("matplotlib")
+    heights, spacing = example()
+    assert run("jacksboro", "--products", "shadow", "--sun", "100,20,1", "-o", "a.npz") == 0
+    with np.load("a.npz") as data:
+        np.testing.assert_array_equal(data["shadow"], HeightField(heights, spacing).shadow(*np.radians([100, 20])))
+        assert tuple(data["spacing"]) == spacing
+    assert run("blocks", "--size", 20, "--products", "skyview", "--azimuths", 3, "-o", "b.npz") == 0
+    with np.load("b.npz") as data:
+        np.testing.assert_array_equal(data["skyview"], HeightField(make("blocks", 20)).sky_view(3))
+
+
+def test_options_of_the_field(here):
+    heights = make("fractal", 20)
+    heights[4:6, 5:9] = np.nan
+    np.save("dem.npy", heights)
+    common = ("--products", "horizons", "--azimuths", 4, "-o", "out.npz")
+    for words, options in (
+        (("--spacing", 3), {"spacing": 3.0}),
+        (("--spacing", "3,0.5"), {"spacing": (3.0, 0.5)}),
+        (("--nodata-policy", "block"), {"nodata_policy": "block"}),
+        (("--nodata-policy", "transparent"), {"nodata_policy": "transparent"}),
+        (("--radius", 4), {"radius": 4.0}),
+        (("--curvature", "--spacing", "9000"), {"curvature": True, "spacing": 9000.0}),
+    ):
+        assert run("dem.npy", *words, *common) == 0
+        with np.load("out.npz") as data:
+            np.testing.assert_array_equal(data["horizons"], HeightField(heights, **options).horizons(4))
+
+
+def test_a_preview(here, capsys):
+    import mitsuba as mi
+
+    dem()
+    assert run("dem.npz", *LIGHT, "--preview", "p.png") == 0
+    pixels = np.array(mi.Bitmap("p.png"))
+    light = read_exr("dem.exr")[0]["irradiance"]
+    assert pixels.shape == (24, 24, 3) and np.corrcoef(pixels[..., 0].ravel(), light.ravel())[0, 1] > 0.9
+    assert capsys.readouterr().out.splitlines()[-1].endswith("p.png")
+
+
+def test_counts_of_all_directions_are_printed(here, capsys, monkeypatch):
+    """What methods count adds up over directions and products; points without data are the same ones every time."""
+    heights = np.zeros((6, 6))
+    heights[0, 0] = np.nan
+    np.save("dem.npy", heights)
+    real = HeightField.horizons
+
+    def counted(self, *args, **kw):
+        out = real(self, *args, **kw)
+        self.report.skipped["samples"] = 1000
+        return out
+
+    monkeypatch.setattr(HeightField, "horizons", counted)
+    assert run("dem.npy", "--products", "skyview,horizons", "--azimuths", 5) == 0
+    printed = capsys.readouterr().out
+    assert "samples 5,000" in printed and "points without data 1" in printed
+
+
+REFUSED = [
+    (("missing.tif",), "does not exist"),
+    (("folder.tif",), "is a folder"),
+    (("poem.tif",), "cannot be read as a height map"),
+    (("nowhere",), "'jacksboro' or one of fractal"),
+    (("poem.txt",), "must end in one of"),
+    (("dem.npz", "--products", "light"), "'products' must be one of"),
+    (("dem.npz", "--products", ""), "'products' must be one of"),
+    (("dem.npz", "--products", "shadow"), "--sun"),
+    *[(("dem.npz", "--azimuths", k), "azimuths") for k in ("0", "-3", "2.5", "many", "1000000000")],
+    *[(("dem.npz", "--bounces", b), "bounces") for b in ("-1", "0.5", "x")],
+    *[(("dem.npz", "--albedo", a), "albedo") for a in ("-0.1", "1.1", "nan", "grey")],
+    *[(("dem.npz", "--sun", s), "sun") for s in ("1,2", "a,b,c", "1,2,3,4", "0,91,5", "0,30,-5", "nan,30,5", "")],
+    *[(("dem.npz", "--sky", s), "sky") for s in ("-1", "nan", "inf", "blue", "poem.hdr", "")],
+    (("dem.npz", "--sky", "missing.exr"), "does not exist"),
+    (("dem.npz", "--sky", "poem.exr"), "OpenEXR"),
+    *[(("dem.npz", "--spacing", s), "spacing") for s in ("0", "-1", "a", "1,2,3", "1,", "inf")],
+    (("dem.npz", "--nodata-policy", "ignore"), "'nodata_policy' must be one of fill, transparent, block"),
+    *[(("dem.npz", "--radius", r), "radius") for r in ("0", "-2", "nan", "far")],
+    *[(("sine", "--size", n), "must be|size") for n in ("0", "-4", "x")],
+    *[(("dem.npz", "-o", o), "'output' must end in") for o in ("out", "out.jpg", "out.npy")],
+    (("dem.npz", "-o", "folder.tif"), "'output' must be a file"),
+    (("dem.npz", "-o", "no/such/folder.exr"), "cannot write into the folder"),
+    (("dem.npz", "-o", "dem.npz"), "'output' must not be a file that is read"),
+    (("dem.npz", "--sky", "sky.exr", "-o", "sky.exr"), "'output' must not be a file that is read"),
+    (("dem.npz", "--preview", "p.jpg"), "'preview' must end in .png"),
+    (("grey.png", "--preview", "grey.png"), "'preview' must not be a file that is read"),
+    ((), "DEM"),
+    (("dem.npz", "--colour", "red"), "--colour"),
+]
+
+
+@pytest.mark.parametrize("words, message", REFUSED, ids=lambda x: " ".join(x) if isinstance(x, tuple) else "")
+def test_a_wrong_word_costs_one_sentence(here, capsys, words, message):
+    """Exit code 2, one line on stderr that says which, and every file as it was."""
+    import re
+
+    import mitsuba as mi
+
+    (here / "folder.tif").mkdir()
+    dem()
+    for name in ("poem.tif", "poem.txt", "poem.exr", "dem.exr", "out.exr"):
+        (here / name).write_text("This is no height map.")
+    write_exr("sky.exr", {"rgb": np.ones((2, 4, 3))})
+    mi.Bitmap(np.zeros((4, 4, 1), np.uint8)).write("grey.png")
+
+    def files():
+        return {p: p.read_bytes() if p.is_file() else None for p in here.rglob("*")}
+
+    before = files()
+    assert run(*words) == 2
+    printed = capsys.readouterr()
+    assert files() == before and not printed.out
+    assert re.search(message, printed.err) and printed.err.startswith("intervis: ") and printed.err.count("\n") == 1
+
+
+def test_too_much_for_the_memory(here, capsys, monkeypatch):
+    def full(*_, **__):
+        raise MemoryError("Unable to allocate 150. GiB")
+
+    monkeypatch.setattr(HeightField, "sky_view", full)
+    dem()
+    assert run("dem.npz", "--products", "skyview") == 2
+    assert capsys.readouterr().err == "intervis: not enough memory: Unable to allocate 150. GiB\n"
+
+
+def interrupt(monkeypatch, product, after):
+    """Have the progress of a product raise what Ctrl-C raises, after so many directions."""
+    real = command._Progress._task
+
+    def task(self, name):
+        tell = real(self, name)
+
+        def counting(n, total):
+            tell(n, total)
+            if name == product and n == after:
+                raise KeyboardInterrupt
+
+        return counting
+
+    monkeypatch.setattr(command._Progress, "_task", task)
+
+
+def test_an_interruption_keeps_finished_directions(here, capsys, monkeypatch):
+    field = dem()
+    interrupt(monkeypatch, "horizons", 2)
+    words = ("dem.npz", "--products", "skyview,horizons,shadow", *LIGHT)
+    assert run(*words, "-o", "out.npz") == 130
+    with np.load("out.npz") as data:
+        assert set(data) == {"skyview", "horizons", "azimuths", "spacing"}
+        np.testing.assert_array_equal(data["horizons"], expected(field, "horizons")[:2])
+        np.testing.assert_allclose(data["azimuths"], np.radians([0, 60]))
+        np.testing.assert_array_equal(data["skyview"], expected(field, "skyview"))
+    assert "interrupted" in capsys.readouterr().out
+    assert run(*words, "-o", "out.exr") == 130
+    assert set(read_exr("out.exr")[0]) == {"skyview", "horizons.000.0", "horizons.060.0"}
+
+
+@pytest.mark.parametrize("product", ["irradiance", "skyview"])
+def test_an_interruption_keeps_no_half_sums(here, capsys, monkeypatch, product):
+    """A sum over some of the directions is no result: nothing is written, and an older file stays."""
+    dem()
+    (here / "out.exr").write_text("older")
+    interrupt(monkeypatch, product, 2)
+    assert run("dem.npz", "--products", product, *LIGHT, "-o", "out.exr", "--preview", "p.png") == 130
+    assert (here / "out.exr").read_text() == "older" and not (here / "p.png").exists()
+    assert capsys.readouterr().err == "intervis: interrupted\n"
+
+
+def test_control_c(here):
+    """A real signal, sent once the first direction has been reported, ends the run early with what there is."""
+    dem(size=200)
+    program = (
+        "import sys\n"
+        "from intervis.heightfield import command\n"
+        "task = command._Progress._task\n"
+        "def told(self, name):\n"
+        "    tell = task(self, name)\n"
+        "    def both(n, total):\n"
+        "        tell(n, total)\n"
+        "        print('finished', n, flush=True)\n"
+        "        if n > 3:\n"
+        "            sys.stdin.readline()\n"
+        "    return both\n"
+        "command._Progress._task = told\n"
+        "from intervis.cli import main\n"
+        "sys.exit(main(sys.argv[1:]))\n"
+    )
+    words = ["heightfield", "dem.npz", "--products", "horizons", "--azimuths", "360", "-o", "out.npz"]
+    process = subprocess.Popen(
+        [sys.executable, "-c", program, *words],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        env={**os.environ, "NUMBA_NUM_THREADS": "1"},
+    )
+    try:
+        # The program waits after its fourth direction, so the signal comes before the end whatever the machine
+        assert process.stdout.readline() == "finished 1\n"
+        process.send_signal(signal.SIGINT)
+        out, err = process.communicate(timeout=120)
+    finally:
+        process.kill()
+    assert process.returncode == 130, err
+    assert "interrupted: what was finished has been written" in out
+    with np.load("out.npz") as data:
+        count = len(data["horizons"])
+        assert 1 <= count <= 4 and len(data["azimuths"]) == count and np.isfinite(data["horizons"]).all()
