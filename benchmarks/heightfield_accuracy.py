@@ -121,26 +121,28 @@ def measure(options, note) -> Part:
     for name, (heights, spacing) in fields(128 if options.quick else 1024).items():
         note(f"horizon error: {name}")
         field = HeightField(heights, spacing)
-        azimuths = rng.uniform(0, 2 * np.pi, turns)
-        error = []
+        error = {"auto": [], "march": []}
         # A direction at a time: nothing but differences is kept
-        for azimuth in azimuths:
-            got = field.horizons([azimuth])[0]
+        for azimuth in rng.uniform(0, 2 * np.pi, turns):
             i, j = (rng.integers(0, n, each) for n in heights.shape)
             exact = [brute_horizon(field.heights, a, b, azimuth, *spacing) for a, b in zip(i, j, strict=True)]
-            error.append(np.degrees(np.abs(got[i, j] - np.array(exact))))
-        error = found[name] = np.concatenate(error)
-        median, p99, top = np.percentile(error, [50, 99, 100])
-        worst = max(worst, p99)
-        table.append(
-            [name, f"{heights.shape[0]} × {heights.shape[1]}", len(error), *(f"{e:.2g}" for e in (median, p99, top))]
-        )
-        for what, value in (("median", median), ("99th percentile", p99), ("largest", top)):
-            part.found(f"horizon error, {name}", what, value, "°")
+            for method, values in error.items():
+                got = field.horizons([azimuth], method=method)[0, i, j]
+                values.append(np.degrees(np.abs(got - np.array(exact))))
+        for method, values in error.items():
+            error[method] = np.concatenate(values)
+            figures = np.percentile(error[method], [50, 99, 99.9, 100])
+            table.append(
+                [name, f"{heights.shape[0]} × {heights.shape[1]}", method, turns * each, *(f"{e:.2g}" for e in figures)]
+            )
+            for what, value in zip(("median", "99th percentile", "99.9th percentile", "largest"), figures, strict=True):
+                part.found(f"horizon error, {name}, {method}", what, value, "°")
+        found[name] = error["auto"]
+        worst = max(worst, float(np.percentile(error["auto"], 99)))
     part.rows.append(Row("horizon error against float64 brute force, 99th percentile, worst field", 0.05, 0.01, worst,
                          unit="°", less=True))  # fmt: skip
     part.text.append("Horizons of random receivers in random azimuths, against all edge crossings in float64; degrees.")
-    part.text.append(grid(["field", "points", "rays", "median", "99th percentile", "largest"], table))
+    part.text.append(grid(["field", "points", "method", "rays", "median", "99th percentile", "99.9th", "largest"], table))
     part.plots.append(("error-horizons.png", draw_errors, found))
     _lines(part, options, note)
     _furnace(part, options, note)
@@ -206,8 +208,9 @@ def _furnace(part, options, note):
 
 
 def memory(options, note) -> Part:
-    """Measure the peak of a fresh process that finds horizons and sky view of a large field."""
+    """Measure the peak of a fresh process that finds horizons and sky view of a large field, and tiles against the whole."""
     part = Part("Memory")
+    _tiles(part, options, note)
     size, k = (512 if options.quick else 8192), 8
     note(f"memory: {size}²")
     with tempfile.TemporaryDirectory() as folder:
@@ -226,3 +229,22 @@ def memory(options, note) -> Part:
                          note=f"the returned horizons alone: {kept:.2g} GiB"))  # fmt: skip
     part.text.append("Peak resident memory of a fresh process, the file of heights (float32) mapped into it included.")
     return part
+
+
+def _tiles(part, options, note):
+    # With a search radius, a tile and a halo as wide know all that its points see
+    size, radius, k = (128, 20, 4) if options.quick else (1024, 100, 8)
+    note(f"tiles, {size}²")
+    threads(options.threads)
+    heights, half, halo = make("fractal", size), size // 2, radius + 2
+    whole = HeightField(heights, radius=radius).horizons(k)
+    worst = 0.0
+    for r in (0, half):
+        for c in (0, half):
+            top, left = max(r - halo, 0), max(c - halo, 0)
+            tile = HeightField(heights[top : r + half + halo, left : c + half + halo], radius=radius).horizons(k)
+            inner = tile[:, r - top : r - top + half, c - left : c - left + half]
+            worst = max(worst, float(np.degrees(np.abs(inner - whole[:, r : r + half, c : c + half])).max()))
+    part.found(f"tiles, {size}², radius {radius}", "largest difference", worst, "°")
+    what = f"tiles with a halo against the whole, {size}² in 2 × 2, radius {radius} samples, largest difference of a horizon"
+    part.rows.append(Row(what, None, None, worst, unit="°"))
