@@ -17,6 +17,7 @@ import numpy as np
 from .march import BLOCK, crossings
 
 NODES = 2048  # of the sky's table over elevation
+BEST, MINE, UP, ALONG, SEEN, GAIN, PART, RISES = range(8)  # rows of a block's working memory; the last is two
 
 
 @nb.njit(cache=True, inline="always")
@@ -39,6 +40,23 @@ def _weight(t, nz, a):
     return np.float32(0.5) * (nz * t * t * c + a * (e + t * c))
 
 
+@nb.njit(cache=True, inline="always")
+def _gain(work, count, rises, lasts, first):
+    # What each receiver gains at a crossing: half a difference of W, and the visible part of the piece that ends here
+    for j in range(count):
+        rise, old, before = work[rises, j], work[BEST, j], work[lasts, j]
+        new = rise > old
+        now = rise if new else old
+        total = _weight(now, work[UP, j], work[ALONG, j])
+        work[GAIN, j] = np.float32(0.5) * (total - work[SEEN, j])
+        # It starts where it comes up from behind the horizon
+        hidden = (old - before) / (rise - before if new else np.float32(1))
+        hidden = hidden if hidden > np.float32(0) else np.float32(0)
+        hidden = hidden if hidden < np.float32(1) else np.float32(1)
+        work[PART, j] = np.float32(1) if first else hidden
+        work[BEST, j], work[SEEN, j] = now, total
+
+
 @nb.njit(cache=True, parallel=True, fastmath={"nsz", "contract", "reassoc"})
 def _surface(heights, radiance, nz, a, offset, weight, distance, step, curve, horizon, out):
     """March all receivers along +x: add what the surface radiates to ``out``, leave tangents in ``horizon``."""
@@ -47,16 +65,20 @@ def _surface(heights, radiance, nz, a, offset, weight, distance, step, curve, ho
     top = heights.max()
     for i in nb.prange(rows):
         here = heights[i]
-        rises = np.empty(BLOCK, np.float32)
-        seen = np.empty(BLOCK, np.float32)
+        # One array, so that the compiler need not ask which of them overlap
+        work = np.empty((10, BLOCK), np.float32)
+        gather = np.empty((channels, BLOCK), np.float32)
         for j0 in range(0, columns, BLOCK):
-            best, mine = horizon[i, j0 : j0 + BLOCK], here[j0 : j0 + BLOCK]
-            up, along = nz[i, j0 : j0 + BLOCK], a[i, j0 : j0 + BLOCK]
-            for j in range(len(best)):
-                seen[j] = _weight(best[j], up[j], along[j])
+            size = min(BLOCK, columns - j0)
+            for j in range(size):
+                work[BEST, j], work[MINE, j] = horizon[i, j0 + j], here[j0 + j]
+                work[UP, j], work[ALONG, j] = nz[i, j0 + j], a[i, j0 + j]
+            for j in range(size):
+                work[SEEN, j] = _weight(work[BEST, j], work[UP, j], work[ALONG, j])
+            gather[:] = 0
             for n in range(len(distance)):
                 ra, ca, rb, cb = i + offset[n, 0], j0 + offset[n, 1], i + offset[n, 2], j0 + offset[n, 3]
-                count = min(len(best), columns - max(ca, cb))
+                count = min(size, columns - max(ca, cb))
                 if ra >= rows or rb >= rows or count <= 0:
                     break
                 w = np.float32(weight[n])
@@ -66,40 +88,38 @@ def _surface(heights, radiance, nz, a, offset, weight, distance, step, curve, ho
                     # Nothing beyond can rise above anybody's horizon
                     more = False
                     for j in range(count):
-                        more |= (top - mine[j]) * scale - drop > best[j]
+                        more |= (top - work[MINE, j]) * scale - drop > work[BEST, j]
                     if not more:
                         break
                 p, q = heights[ra, ca : ca + count], heights[rb, cb : cb + count]
+                rises, lasts = RISES + (n & 1), RISES + 1 - (n & 1)
                 some = False
                 for j in range(count):
-                    rise = (p[j] + w * (q[j] - p[j]) - mine[j]) * scale - drop
-                    rises[j] = rise
-                    some |= rise > best[j]
+                    rise = (p[j] + w * (q[j] - p[j]) - work[MINE, j]) * scale - drop
+                    work[rises, j] = rise
+                    some |= rise > work[BEST, j]
                 if not some:
                     continue
-                for j in range(count):
-                    rise = rises[j]
-                    if rise <= best[j]:
-                        continue
-                    total = _weight(rise, up[j], along[j])
-                    gain = np.float32(0.5) * (total - seen[j])
-                    # The visible part of the piece that ends here starts where it comes up from behind the horizon
-                    part = np.float32(1)
-                    if n > 0:
-                        va, vb = i + offset[n - 1, 0], i + offset[n - 1, 2]
-                        ua, ub = j + j0 + offset[n - 1, 1], j + j0 + offset[n - 1, 3]
-                        f = np.float32(weight[n - 1])
-                        last = heights[va, ua] + f * (heights[vb, ub] - heights[va, ua]) - mine[j]
-                        last = last / np.float32(distance[n - 1] * step) - np.float32(curve * distance[n - 1] * step)
-                        part = min(max((best[j] - last) / (rise - last), np.float32(0)), np.float32(1))
-                    for c in range(channels):
-                        end = radiance[c, ra, ca + j] + w * (radiance[c, rb, cb + j] - radiance[c, ra, ca + j])
-                        start = end
-                        if n > 0:
-                            before = radiance[c, va, ua] + f * (radiance[c, vb, ub] - radiance[c, va, ua])
-                            start = before + part * (end - before)
-                        out[c, i, j0 + j] += gain * (start + end)
-                    best[j], seen[j] = rise, total
+                # All receivers together, those that see nothing new with a gain of nought: no branch, so vectors
+                if n & 1:
+                    _gain(work, count, RISES + 1, RISES, False)
+                else:
+                    _gain(work, count, RISES, RISES + 1, n == 0)
+                m = max(n - 1, 0)
+                va, ua, vb, ub = i + offset[m, 0], j0 + offset[m, 1], i + offset[m, 2], j0 + offset[m, 3]
+                f = np.float32(weight[m])
+                for c in range(channels):
+                    ea, eb = radiance[c, ra, ca : ca + count], radiance[c, rb, cb : cb + count]
+                    sa, sb = radiance[c, va, ua : ua + count], radiance[c, vb, ub : ub + count]
+                    for j in range(count):
+                        end = ea[j] + w * (eb[j] - ea[j])
+                        before = sa[j] + f * (sb[j] - sa[j])
+                        gather[c, j] += work[GAIN, j] * (before + work[PART, j] * (end - before) + end)
+            for j in range(size):
+                horizon[i, j0 + j] = work[BEST, j]
+            for c in range(channels):
+                for j in range(size):
+                    out[c, i, j0 + j] += gather[c, j]
 
 
 def sky_table(radiance) -> np.ndarray:
