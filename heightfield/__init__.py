@@ -2,5 +2,6 @@
 
 from .field import HeightField
 from .fields import FIELDS, example, make
+from .tiles import tiles
 
-__all__ = ["FIELDS", "HeightField", "example", "make"]
+__all__ = ["FIELDS", "HeightField", "example", "make", "tiles"]

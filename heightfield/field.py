@@ -12,7 +12,8 @@ import numpy as np
 
 from ..errors import InputError
 from ..report import Report
-from . import gather, hull, intervisibility, light, march, surface
+from . import hull, intervisibility, light, march, surface, transport
+from . import points as rays
 from .check import choice, grid, number, reals, spacing_of
 from .sweep import azimuths_of, direction, packed
 
@@ -104,13 +105,15 @@ class HeightField:
 
     # --- What points see -------------------------------------------------------------------------------------------
 
-    def horizons(self, azimuths=72, *, method="auto", progress=None) -> np.ndarray:
+    def horizons(self, azimuths=72, *, points=None, method="auto", progress=None) -> np.ndarray:
         """Elevation of the horizon around every point.
 
         Parameters
         ----------
         azimuths : int or array
             How many, equally spaced from north, or which: radians clockwise from north.
+        points : (n, 2) array or (rows, columns) bool array, optional
+            Receivers: rows and columns, which may be fractional, or a mask of the grid. Each ray is then marched on its own.
         method : {"auto", "tree", "march"}
             "march" looks at every edge that the ray crosses and is exact on the surface; "tree" finds where the horizon is
             with hulls shared by neighbouring rays, then looks only there (see `hull`). "auto" takes the tree unless
@@ -120,11 +123,13 @@ class HeightField:
 
         Returns
         -------
-        (K, rows, columns) float32 array
+        (K, rows, columns) or (K, n) float32 array
             Radians above the horizontal, negative where the view goes down; −π/2 where nothing of the field lies in the
             direction; NaN at unknown points.
         """
         k = azimuths_of(azimuths)
+        if points is not None:
+            return self._at_points(points, k)[0].astype(np.float32)
         out = np.empty((len(k), *self.heights.shape), dtype=np.float32)
         with self._reported(len(k)):
             for n, t in enumerate(self._tangents(k, method, progress)):
@@ -133,12 +138,12 @@ class HeightField:
             out[:, ~self.valid] = np.nan
         return out
 
-    def sky_view(self, azimuths=72, *, weighting="cosine", method="auto", progress=None) -> np.ndarray:
+    def sky_view(self, azimuths=72, *, weighting="cosine", points=None, method="auto", progress=None) -> np.ndarray:
         """Share of the sky that every point sees.
 
         Parameters
         ----------
-        azimuths, method, progress
+        azimuths, points, method, progress
             As in `horizons`.
         weighting : {"cosine", "solid_angle"}
             "cosine": irradiance under a uniform sky over that of an open horizontal plane; "solid_angle": solid angle of
@@ -146,15 +151,20 @@ class HeightField:
 
         Returns
         -------
-        (rows, columns) float32 array
+        (rows, columns) or (n,) float32 array
             In [0, 1].
         """
         choice("weighting", weighting, ("cosine", "solid_angle"))
         k = azimuths_of(azimuths)
-        total = np.zeros(self.heights.shape)
         n = surface.normals(self.heights, self.spacing, self.valid)
+        if points is not None:
+            elevations, n = self._at_points(points, k, n)
+            tangents, known = np.tan(elevations), np.isfinite(elevations[0])
+        else:
+            tangents, known = self._tangents(k, method, progress), self.valid
+        total = np.zeros(known.shape)
         with self._reported(len(k)):
-            for az, t in zip(k, self._tangents(k, method, progress), strict=True):
+            for az, t in zip(k, tangents, strict=True):
                 if weighting == "cosine":
                     total += light.sky_share(t, n, az)
                 else:
@@ -162,7 +172,7 @@ class HeightField:
                     e = np.arctan(np.maximum(t, 0, dtype=np.float64))
                     total += 1 - np.sin(e)
         out = np.clip(total / len(k), 0, 1).astype(np.float32)
-        out[~self.valid] = np.nan
+        out[~known] = np.nan
         return out
 
     def shadow(self, azimuth: float, elevation: float, *, radius: float = light.SUN_RADIUS, method="auto") -> np.ndarray:
@@ -231,7 +241,18 @@ class HeightField:
     # --- Light -----------------------------------------------------------------------------------------------------
 
     def irradiance(
-        self, sky=1.0, sun=None, albedo=0.3, emission=None, bounces=2, azimuths=64, *, method="auto", progress=None
+        self,
+        sky=1.0,
+        sun=None,
+        albedo=0.3,
+        emission=None,
+        bounces=2,
+        azimuths=64,
+        *,
+        lamps=None,
+        tolerance=0.0,
+        method="auto",
+        progress=None,
     ) -> np.ndarray:
         """Irradiance of every point from sky, sun and the rest of the field.
 
@@ -251,6 +272,15 @@ class HeightField:
             Reflections on the way to the receiver; 0 is direct light.
         azimuths : int or array
             Directions over which light is gathered.
+        lamps : list of (x, y, z, intensity), optional
+            Point lights: metres east and north of the north-west sample, height in metres, and W/sr (number or (channels,)).
+        tolerance : float
+            Leave out of each bounce what surely adds no more than this share of π times the surface's greatest radiance;
+            0 gathers everything.
+        method : {"auto", "tree", "march"}
+            How the sky's horizons are found; "auto" marches, as the surface's light is gathered.
+        progress : callable, optional
+            Called with (sweeps done, sweeps).
 
         Returns
         -------
@@ -259,38 +289,12 @@ class HeightField:
         """
         choice("method", method, METHODS)
         number("bounces", bounces, 0, whole=True)
+        number("tolerance", tolerance, 0, 1)
         k = azimuths_of(azimuths)
-        parts = {"albedo": albedo, "emission": 0.0 if emission is None else emission}
-        channels = light.channels_of(sky, sun, *parts.values())
-        albedo, emission = (light.image(n, v, self.heights.shape, channels) for n, v in parts.items())
-        if np.nanmin(albedo) < 0 or np.nanmax(albedo) > 1:
-            raise InputError(f"'albedo' must be in [0, 1] (got {np.nanmin(albedo):g} to {np.nanmax(albedo):g})")
-        n = surface.normals(self.heights, self.spacing, self.valid)
-        columns = light.sky_columns(sky, k, channels)
-        total = len(k) * (1 + bounces + (emission > 0).any())
+        # By marching, as the gather does: what the one calls sky the other must not call surface
+        tangents = self._tangents(k, "march" if method == "auto" else method)
         with self._reported(len(k)):
-            # Direct light: sky above the horizons, and the sun
-            direct = np.zeros((channels, *self.heights.shape), dtype=np.float32)
-            # By marching, as the gather does: what the one calls sky the other must not call surface
-            for i, t in enumerate(self._tangents(k, "march" if method == "auto" else method)):
-                self._above(k[i], t, n, gather.sky_table(columns[i]), direct, 2 * np.pi / len(k))
-                if progress:
-                    progress(i + 1, total)
-            if sun is not None:
-                direct += light.sunlight(self, sun, n, channels)
-            done = len(k)
-
-            def bounce(radiance):
-                nonlocal done
-                out = self._gather(k, n, radiance, progress and (lambda i, _: progress(done + i, total)))
-                done += len(k)
-                return out
-
-            if (emission > 0).any():
-                direct = direct + bounce(emission)
-            e = direct
-            for _ in range(int(bounces)):
-                e = direct + bounce(e * albedo * np.float32(1 / np.pi))
+            e = transport.irradiance(self, sky, sun, lamps, albedo, emission, bounces, k, tolerance, tangents, progress)
         out = np.ascontiguousarray(np.moveaxis(e, 0, -1))
         out[~self.valid] = np.nan
         return out
@@ -329,6 +333,22 @@ class HeightField:
     def _reach(self, d):
         return None if self.radius is None else max(int(self.radius / d.step), 1)
 
+    def _at_points(self, points, azimuths, n=None):
+        # Horizons in radians, (K, n), NaN beside unknown points; and normals interpolated to the points
+        at = rays.positions(points, self.heights.shape)
+        with self._reported(len(azimuths)):
+            out = np.arctan(rays.tangents(self.heights, at, azimuths, self.spacing, self.radius, self.curve))
+        low = np.floor(at).astype(int)
+        high = np.minimum(low + (at > low), np.array(self.heights.shape) - 1)
+        known = np.logical_and.reduce([self.valid[i, j] for i in (low[:, 0], high[:, 0]) for j in (low[:, 1], high[:, 1])])
+        out[:, ~known] = np.nan
+        if n is not None:
+            f, g = (at - low).T
+            rows = [(1 - g) * n[:, i, low[:, 1]] + g * n[:, i, high[:, 1]] for i in (low[:, 0], high[:, 0])]
+            n = (1 - f) * rows[0] + f * rows[1]
+            n = n / np.linalg.norm(n, axis=0)
+        return out, n
+
     def _tangents(self, azimuths, method, progress=None):
         # Tangents of the horizons, a direction at a time; the same direction twice is looked at once
         choice("method", method, METHODS)
@@ -347,24 +367,6 @@ class HeightField:
             yield before[1]
             if progress:
                 progress(n + 1, len(azimuths))
-
-    def _above(self, azimuth, t, n, table, out, width):
-        a = n[0] * np.sin(azimuth) + n[1] * np.cos(azimuth)
-        floor = np.maximum(t, light.tangent_plane(n, azimuth)).astype(np.float32)
-        gather.add_sky(floor, n[2], a, table, np.float32(width), out)
-
-    def _gather(self, azimuths, n, radiance, progress):
-        total = np.zeros(radiance.shape, dtype=np.float32)
-        known = np.where(self.valid | (self.policy == "fill"), radiance, 0).astype(np.float32)
-        for i, azimuth in enumerate(azimuths):
-            d = direction(azimuth, self.spacing)
-            seen = gather.surface(
-                d, self._turned, known, n, azimuth, self.curve, self._reach(d), light.tangent_plane(n, azimuth)
-            )
-            total += d.back(seen) * np.float32(2 * np.pi / len(azimuths))
-            if progress:
-                progress(i + 1, len(azimuths))
-        return total
 
     def _reported(self, directions):
         return _Timed(self, directions)

@@ -58,7 +58,7 @@ def _gain(work, count, rises, lasts, first):
 
 
 @nb.njit(cache=True, parallel=True, fastmath={"nsz", "contract", "reassoc"})
-def _surface(heights, radiance, nz, a, offset, weight, distance, step, curve, horizon, out):
+def _surface(heights, radiance, nz, a, offset, weight, distance, step, curve, slack, horizon, out):
     """March all receivers along +x: add what the surface radiates to ``out``, leave tangents in ``horizon``."""
     rows, columns = heights.shape
     channels = len(radiance)
@@ -89,10 +89,16 @@ def _surface(heights, radiance, nz, a, offset, weight, distance, step, curve, ho
                     more = False
                     for j in range(count):
                         more |= (top - work[MINE, j]) * scale - drop > work[BEST, j]
+                    if more and slack > 0:
+                        # Nor add more than is worth it
+                        more = False
+                        for j in range(count):
+                            highest = max((top - work[MINE, j]) * scale - drop, work[BEST, j])
+                            more |= _weight(highest, work[UP, j], work[ALONG, j]) - work[SEEN, j] > slack
                     if not more:
                         break
                 p, q = heights[ra, ca : ca + count], heights[rb, cb : cb + count]
-                rises, lasts = RISES + (n & 1), RISES + 1 - (n & 1)
+                rises = RISES + (n & 1)
                 some = False
                 for j in range(count):
                     rise = (p[j] + w * (q[j] - p[j]) - work[MINE, j]) * scale - drop
@@ -165,7 +171,7 @@ def add_sky(horizon, nz, a, table, width, out):
                 out[c, i, j] += np.float32(width * max(nz[i, j] * s + a[i, j] * t, 0.0))
 
 
-def surface(d, heights, radiance, n, azimuth, curve, reach, floor) -> np.ndarray:
+def surface(d, heights, radiance, n, azimuth, curve, reach, floor, tolerance=0.0) -> np.ndarray:
     """Irradiance per radian of azimuth that the surface sends to every point from one direction.
 
     Parameters
@@ -181,6 +187,8 @@ def surface(d, heights, radiance, n, azimuth, curve, reach, floor) -> np.ndarray
         Columns to look at.
     floor : (rows, columns) array
         Tangents below which the receiver's own plane hides everything.
+    tolerance : float
+        Stop where all that may still appear adds less than this share of π times the greatest radiance, over all azimuths.
 
     Returns
     -------
@@ -193,5 +201,7 @@ def surface(d, heights, radiance, n, azimuth, curve, reach, floor) -> np.ndarray
     out = np.zeros_like(light)
     columns = h.shape[1] - 1 if reach is None else min(reach, h.shape[1] - 1)
     if columns > 0:
-        _surface(h, light, nz, a, *crossings(d.slope, d.diagonal, columns), d.step, curve, horizon, out)
+        _surface(
+            h, light, nz, a, *crossings(d.slope, d.diagonal, columns), d.step, curve, np.float32(tolerance / 2), horizon, out
+        )
     return out

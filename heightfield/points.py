@@ -1,0 +1,201 @@
+"""Single rays over the surface: horizons of chosen points, and what a lamp lights.
+
+A few points, or a different direction for every point, leave nothing to share between rays: each walks over the triangles on
+its own, from one crossing of a row, a column or a diagonal to the next, in float64.
+"""
+
+from __future__ import annotations
+
+import numba as nb
+import numpy as np
+
+from ..errors import InputError
+from .check import number, reals
+
+
+@nb.njit(cache=True)
+def height_at(heights, y, x):
+    """Return the surface's height at a fractional row and column on the field (cells cut from north-west to south-east)."""
+    rows, columns = heights.shape
+    r, c = min(int(y), max(rows - 2, 0)), min(int(x), max(columns - 2, 0))
+    f, g = y - r, x - c
+    s, e = min(r + 1, rows - 1), min(c + 1, columns - 1)
+    corner = heights[r, c]
+    if g >= f:
+        return corner + g * (heights[r, e] - corner) + f * (heights[s, e] - heights[r, e])
+    return corner + f * (heights[s, c] - corner) + g * (heights[s, e] - heights[s, c])
+
+
+@nb.njit(cache=True)
+def _next(position, speed):
+    # Time until a coordinate that moves at this speed meets the next whole number
+    if speed > 1e-12:
+        return (np.floor(position + 1e-9) + 1 - position) / speed
+    if speed < -1e-12:
+        return (position - np.ceil(position - 1e-9) + 1) / -speed
+    return np.inf
+
+
+@nb.njit(cache=True)
+def steepest(heights, y, x, eye, south, east, limit, curve):
+    """Return the steepest rise from a point to the surface along one ray.
+
+    Parameters
+    ----------
+    heights : (rows, columns) float64 array
+    y, x : float
+        Row and column of the point, fractional, on the field.
+    eye : float
+        Its height in metres.
+    south, east : float
+        Rows and columns per metre.
+    limit : float
+        Metres to look, excluded.
+    curve : float
+        A point at distance ``d`` metres lies ``curve · d²`` lower.
+
+    Returns
+    -------
+    float
+        Tangent; −inf if nothing of the field lies ahead.
+    """
+    rows, columns = heights.shape
+    # Times of the next crossings with rows, columns and diagonals, and the times between two of each
+    across = east - south
+    tr, tc, td = _next(y, south), _next(x, east), _next(x - y, across)
+    dr = 1 / abs(south) if abs(south) > 1e-12 else np.inf
+    dc = 1 / abs(east) if abs(east) > 1e-12 else np.inf
+    dd = 1 / abs(across) if abs(across) > 1e-12 else np.inf
+    best = -np.inf
+    while True:
+        t = min(tr, tc, td)
+        if not t < limit:
+            return best
+        row, column = y + t * south, x + t * east
+        if row < -1e-9 or column < -1e-9 or row > rows - 1 + 1e-9 or column > columns - 1 + 1e-9:
+            return best
+        h = height_at(heights, min(max(row, 0.0), rows - 1.0), min(max(column, 0.0), columns - 1.0))
+        best = max(best, (h - eye) / t - curve * t)
+        # Crossings at one place count once
+        here = t * (1 + 1e-12)
+        if tr <= here:
+            tr += dr
+        if tc <= here:
+            tc += dc
+        if td <= here:
+            td += dd
+
+
+@nb.njit(cache=True, parallel=True)
+def _horizons(heights, points, south, east, limit, curve, out):
+    for p in nb.prange(len(points)):
+        y, x = points[p]
+        eye = height_at(heights, y, x)
+        for k in range(len(south)):
+            out[k, p] = steepest(heights, y, x, eye, south[k], east[k], limit, curve)
+
+
+@nb.njit(cache=True, parallel=True)
+def _lit(heights, x0, y0, z0, dy, dx, curve, out):
+    # Whether every grid point sees a lamp at x0 m east and y0 m south of the first, z0 m high
+    rows, columns = heights.shape
+    for i in nb.prange(rows):
+        for j in range(columns):
+            east, south, up = x0 - j * dx, y0 - i * dy, z0 - heights[i, j]
+            d = np.hypot(east, south)
+            if d < 1e-9:
+                out[i, j] = up > 0
+                continue
+            rise = steepest(heights, i, j, heights[i, j], south / d / dy, east / d / dx, d * (1 - 1e-9), curve)
+            out[i, j] = rise < up / d - curve * d
+
+
+def positions(points, shape: tuple[int, int]) -> np.ndarray:
+    """Return receivers as an (n, 2) float64 array of fractional rows and columns, from that or from a mask of the grid."""
+    if np.asarray(points).dtype == bool:
+        if np.shape(points) != shape:
+            raise InputError(f"'points' as a mask must be {shape[0]} × {shape[1]} (got shape {np.shape(points)})")
+        return np.argwhere(points).astype(np.float64)
+    found = reals("points", points)
+    if found.ndim != 2 or found.shape[1] != 2:
+        raise InputError(f"'points' must be a mask, or rows and columns of shape (n, 2) (got shape {found.shape})")
+    if not ((found >= 0) & (found <= np.array(shape) - 1.0)).all():
+        raise InputError(
+            f"'points' must lie on the field: rows 0 to {shape[0] - 1}, columns 0 to {shape[1] - 1} "
+            f"(got {found.min(axis=0).tolist()} to {found.max(axis=0).tolist()})"
+        )
+    return np.ascontiguousarray(found)
+
+
+def tangents(heights, points, azimuths, spacing, radius, curve) -> np.ndarray:
+    """Tangents of the horizons of chosen points.
+
+    Parameters
+    ----------
+    heights : (rows, columns) float64 array
+    points : (n, 2) float64 array
+        Fractional rows and columns.
+    azimuths : (K,) array
+        Radians clockwise from north.
+    spacing : (float, float)
+        Metres between rows and between columns.
+    radius : float or None
+        Metres to look.
+    curve : float
+        Drop of the Earth's surface over squared distance, 1/m.
+
+    Returns
+    -------
+    (K, n) float64 array
+    """
+    out = np.empty((len(azimuths), len(points)))
+    south, east = -np.cos(azimuths) / spacing[0], np.sin(azimuths) / spacing[1]
+    _horizons(heights, points, south, east, np.inf if radius is None else radius, curve, out)
+    return out
+
+
+def lamplight(heights, spacing, lamps, n: np.ndarray, channels: int, curve: float) -> np.ndarray:
+    """Return irradiance from point lights.
+
+    Parameters
+    ----------
+    heights : (rows, columns) float64 array
+    spacing : (float, float)
+    lamps : sequence of (x, y, z, intensity)
+        Metres east and north of the north-west sample, height in metres, and W/sr (number or (channels,)).
+    n : (3, rows, columns) array
+        Unit normals.
+    channels : int
+    curve : float
+
+    Returns
+    -------
+    (channels, rows, columns) float32 array
+        W/m².
+    """
+    total = np.zeros((channels, *heights.shape))
+    i, j = np.indices(heights.shape)
+    for x, y, z, intensity in lamps:
+        lit = np.empty(heights.shape, dtype=bool)
+        _lit(heights, x, -y, z, *spacing, curve, lit)
+        to = np.stack([x - j * spacing[1], y + i * spacing[0], z - heights])
+        to[2] -= curve * (to[0] ** 2 + to[1] ** 2)
+        squared = np.maximum((to**2).sum(0), 1e-30)
+        share = np.where(lit, np.maximum((to * n).sum(0), 0), 0) / squared**1.5
+        total += intensity[:, None, None] * share
+    return total.astype(np.float32)
+
+
+def lamps_of(lamps, channels: int) -> list[tuple]:
+    """Return point lights checked: a list of (x, y, z, (channels,) intensity)."""
+    out = []
+    for lamp in lamps:
+        if isinstance(lamp, str) or not hasattr(lamp, "__len__") or len(lamp) != 4:
+            raise InputError(f"'lamps' must be a list of (x, y, z, intensity) (got {lamp!r})")
+        intensity = reals("lamps intensity", lamp[3]).ravel()
+        if len(intensity) not in (1, channels) or not np.isfinite(intensity).all() or intensity.min() < 0:
+            raise InputError(f"'lamps' intensity must be finite, >= 0, one number or {channels} (got {lamp[3]!r})")
+        out.append(
+            (*(number(f"lamps {c}", v) for c, v in zip("xyz", lamp, strict=False)), np.broadcast_to(intensity, channels))
+        )
+    return out
