@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import os
 import shlex
 import sys
 from collections.abc import Sequence
@@ -34,13 +35,19 @@ def main(argv: Sequence[str] | None = None) -> int:
     words = list(sys.argv[1:] if argv is None else argv)
     try:
         options = _parser().parse_args(words)
-        return _run(options, shlex.join(["intervis", *words]))
+        code = _run(options, shlex.join(["intervis", *words]))
+        sys.stdout.flush()
+        return code
     except InputError as error:
         print(f"intervis: {error}", file=sys.stderr)
         return 2
     except MemoryError as error:
         print(f"intervis: not enough memory: {error or 'ask for less at once'}", file=sys.stderr)
         return 2
+    except BrokenPipeError:
+        # Whoever read the report has left, as `head` does; files are written by then, and nothing more is to be said
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 0
     except KeyboardInterrupt:
         print("intervis: interrupted", file=sys.stderr)
         return 130

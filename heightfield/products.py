@@ -103,15 +103,22 @@ def _geotiff(path: str, layers: dict[str, np.ndarray], header: dict, spacing, ge
 
 
 def write_preview(path: Path, products: dict[str, np.ndarray]) -> None:
-    """Write the first of irradiance, sky view, shadow and horizons as an sRGB picture; unknown points are black."""
+    """Write the first of irradiance, sky view, shadow and horizons as an sRGB picture; unknown points are black.
+
+    Contrast is stretched: 1 % of the points of a sky view come out near black (if less than 0.9 is seen there), 1 % of the
+    mean horizons and of the irradiance near white. Shadow is shown as it is.
+    """
     name = next(n for n in ("irradiance", "skyview", "shadow", "horizons") if n in products)
     values = np.asarray(products[name], dtype=np.float64)
     if name == "horizons":
-        values = values.mean(0) / (np.pi / 4)
+        values = np.maximum(values.mean(0), 0)
     if values.ndim == 2:
         values = values[..., None]
     known = values[np.isfinite(values)]
-    if name == "irradiance" and known.size:
+    if name == "skyview" and known.size:
+        low = min(np.percentile(known, 1), 0.9)
+        values = np.clip((values - low) / (1 - low), 0.02, 1) ** 2.2
+    elif name != "shadow" and known.size:
         values = 0.8 * values / max(np.percentile(known, 99), 1e-30)
     values = values[..., :3] if values.shape[2] >= 3 else np.repeat(values[..., :1], 3, axis=2)
     write_png(path, np.nan_to_num(values))

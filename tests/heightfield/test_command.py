@@ -227,6 +227,17 @@ def test_too_much_for_the_memory(here, capsys, monkeypatch):
     assert capsys.readouterr().err == "intervis: not enough memory: Unable to allocate 150. GiB\n"
 
 
+def test_a_reader_that_leaves_early(here):
+    """The report goes into a pipe that nobody reads any more: files are whole, and nobody sees a traceback."""
+    read, write = os.pipe()
+    os.close(read)
+    words = [sys.executable, "-m", "intervis.cli", "heightfield", "sine", "--size", "8", "--products", "skyview"]
+    process = subprocess.run(words, stdout=write, stderr=subprocess.PIPE, text=True)
+    os.close(write)
+    assert (process.returncode, process.stderr) == (0, "")
+    assert read_exr("sine.exr")[0]["skyview"].shape == (8, 8)
+
+
 def interrupt(monkeypatch, product, after):
     """Have the progress of a product raise what Ctrl-C raises, after so many directions."""
     real = command._Progress._task
