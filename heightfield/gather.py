@@ -15,6 +15,7 @@ import numba as nb
 import numpy as np
 
 from .march import BLOCK, crossings
+from .sweep import packed
 
 NODES = 2048  # of the sky's table over elevation
 BEST, MINE, UP, ALONG, SEEN, GAIN, PART, RISES = range(8)  # rows of a block's working memory; the last is two
@@ -195,9 +196,9 @@ def surface(d, heights, radiance, n, azimuth, curve, reach, floor, tolerance=0.0
     (channels, rows, columns) float32 array
         Turned as ``d`` turns.
     """
-    turned = [np.ascontiguousarray(d.turn(x), dtype=np.float32) for x in (heights, radiance, n[2], floor)]
-    a = np.ascontiguousarray(d.turn(n[0] * np.sin(azimuth) + n[1] * np.cos(azimuth)), dtype=np.float32)
-    h, light, nz, horizon = turned
+    a = n[0] * np.sin(azimuth) + n[1] * np.cos(azimuth)
+    h, nz, a, horizon = (packed(d.turn(np.asarray(x, dtype=np.float32))) for x in (heights, n[2], a, floor))
+    light = np.stack([packed(d.turn(channel)) for channel in radiance])
     out = np.zeros_like(light)
     columns = h.shape[1] - 1 if reach is None else min(reach, h.shape[1] - 1)
     if columns > 0:

@@ -7,7 +7,7 @@ import numpy as np
 from ..errors import InputError
 from . import gather, light, points
 from .surface import normals
-from .sweep import direction
+from .sweep import direction, packed
 
 
 def irradiance(field, sky, sun, lamps, albedo, emission, bounces, azimuths, tolerance, tangents, progress) -> np.ndarray:
@@ -62,7 +62,8 @@ def irradiance(field, sky, sun, lamps, albedo, emission, bounces, azimuths, tole
             d = direction(az, field.spacing)
             plane = light.tangent_plane(n, az)
             seen = gather.surface(d, field._turned, known, n, az, field.curve, field._reach(d), plane, tolerance)
-            out += d.back(seen) * width
+            for channel, share in zip(out, seen, strict=True):
+                channel += packed(d.back(share)) * width
             step()
         return out
 
