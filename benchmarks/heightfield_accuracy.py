@@ -10,7 +10,7 @@ import tempfile
 import numba as nb
 import numpy as np
 
-from intervis.heightfield import FIELDS, HeightField, example, make
+from intervis.heightfield import FIELDS, HeightField, example, make, tiles
 from intervis.heightfield.intervisibility import local_horizons
 from intervis.heightfield.sweep import direction
 
@@ -236,15 +236,12 @@ def _tiles(part, options, note):
     size, radius, k = (128, 20, 4) if options.quick else (1024, 100, 8)
     note(f"tiles, {size}²")
     threads(options.threads)
-    heights, half, halo = make("fractal", size), size // 2, radius + 2
+    heights = make("fractal", size)
     whole = HeightField(heights, radius=radius).horizons(k)
     worst = 0.0
-    for r in (0, half):
-        for c in (0, half):
-            top, left = max(r - halo, 0), max(c - halo, 0)
-            tile = HeightField(heights[top : r + half + halo, left : c + half + halo], radius=radius).horizons(k)
-            inner = tile[:, r - top : r - top + half, c - left : c - left + half]
-            worst = max(worst, float(np.degrees(np.abs(inner - whole[:, r : r + half, c : c + half])).max()))
+    for window, field, inner in tiles(heights, radius=radius, size=size // 2):
+        difference = np.abs(field.horizons(k)[(..., *inner)] - whole[(..., *window)])
+        worst = max(worst, float(np.degrees(difference.max())))
     part.found(f"tiles, {size}², radius {radius}", "largest difference", worst, "°")
     what = f"tiles with a halo against the whole, {size}² in 2 × 2, radius {radius} samples, largest difference of a horizon"
     part.rows.append(Row(what, None, None, worst, unit="°"))

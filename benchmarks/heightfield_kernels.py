@@ -55,7 +55,7 @@ def measure(options, note) -> Part:
         def job(way, h=heights, a=azimuths, found=looked):
             found[way] = sweep(h, a, WAYS[way])
 
-        times = interleave({way: lambda w=way: job(w) for way in ways}, options.repeats)
+        times = interleave({way: lambda w=way: job(w) for way in ways}, options.repeats, ways if n else ())
         part.timed(f"local horizons, {name}, {side}²", times)
         scale = len(azimuths) * heights.size
         naive = looked["march, float32"] / scale
@@ -134,6 +134,7 @@ def growth(options, note) -> Part:
                 "local horizons": lambda h=heights: sweep(h, azimuths["local horizons"], SKIPPING),
             },
             options.repeats,
+            cold=("local horizons",) if size > 2048 else (),
         )
         for what, t in found.items():
             times[what][size] = [x / len(azimuths[what]) for x in t]

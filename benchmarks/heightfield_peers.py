@@ -108,7 +108,7 @@ def _horayzon(python, options, note, part, table):
 
 
 def _topocalc(python, options, note, part, table):
-    for size, steps, limits in ((1024, range(3, TURNS, 13), (15, 40)), (2048, (5, 42), (40, 120))):
+    for size, steps, limits in ((1024, range(3, TURNS, 13), (15, 40)), (2048, (5,), (40, 120))):
         size = size // 8 if options.quick else size
         note(f"topocalc, {size}²")
         threads(1)

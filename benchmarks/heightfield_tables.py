@@ -65,7 +65,7 @@ class Part:
         self.records.append({"part": self.title, "case": case, "what": what, "repeat": 0, "value": value, "unit": unit})
 
 
-def interleave(jobs: dict[str, Callable], repeats: int) -> dict[str, list[float]]:
+def interleave(jobs: dict[str, Callable], repeats: int, cold=()) -> dict[str, list[float]]:
     """Time jobs in turns, after one warm-up each; every round starts with another job.
 
     Parameters
@@ -73,6 +73,8 @@ def interleave(jobs: dict[str, Callable], repeats: int) -> dict[str, list[float]
     jobs : dict of callables
         A job that returns a float measured itself (another process does); of others the wall time is taken.
     repeats : int
+    cold : collection of str
+        Jobs that need no warm-up: long ones, their code compiled.
 
     Returns
     -------
@@ -83,6 +85,8 @@ def interleave(jobs: dict[str, Callable], repeats: int) -> dict[str, list[float]
     times = {name: [] for name in names}
     for turn in range(-1, repeats):
         for name in names[max(turn, 0) % len(names) :] + names[: max(turn, 0) % len(names)]:
+            if turn < 0 and name in cold:
+                continue
             begin = time.perf_counter()
             own = jobs[name]()
             seconds = own if isinstance(own, float) else time.perf_counter() - begin
