@@ -72,11 +72,20 @@ def _innermost(error: BaseException) -> BaseException:
 def mitsuba_errors(prefix: str = "") -> Iterator[None]:
     """Turn whatever Mitsuba raises inside the block into an `InputError` of one sentence."""
     try:
-        yield
+        with interrupts():
+            yield
     except InputError:
         raise
     except Exception as error:
-        # Dr.Jit wraps an interruption of a Python integrator like any other error.
+        raise InputError(prefix + one_sentence(error)) from error
+
+
+@contextmanager
+def interrupts() -> Iterator[None]:
+    """Raise an interruption as itself: Dr.Jit wraps it like any other error while it records a loop."""
+    try:
+        yield
+    except Exception as error:
         if isinstance(_innermost(error), KeyboardInterrupt):
             raise KeyboardInterrupt from error
-        raise InputError(prefix + one_sentence(error)) from error
+        raise

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ..errors import InputError
+from ..errors import InputError, interrupts
 from ..images import check_writable
 from ..report import Report
 from . import products as files
@@ -43,7 +43,7 @@ def run(options, line: str) -> int:
     with _Progress() as progress:
         try:
             for name in wanted:
-                with _counted(report, name):
+                with _counted(report, name), interrupts():
                     for finished in _product(field, name, options, sun, sky, progress(name), report):
                         done[name] = finished
         except KeyboardInterrupt:

@@ -270,6 +270,26 @@ def test_an_interruption_keeps_finished_directions(here, capsys, monkeypatch):
     assert set(read_exr("out.exr")[0]) == {"skyview", "horizons.000.0", "horizons.060.0"}
 
 
+def test_an_interruption_inside_a_kernel(here, monkeypatch):
+    """Dr.Jit wraps what is raised while it records a loop; it is an interruption all the same."""
+    dem()
+    real, count = HeightField.horizons, []
+
+    def wrapped(self, *args, **kw):
+        count.append(1)
+        if len(count) < 3:
+            return real(self, *args, **kw)
+        try:
+            raise KeyboardInterrupt
+        except KeyboardInterrupt as error:
+            raise RuntimeError("drjit.while_loop(): encountered an exception (see above).") from error
+
+    monkeypatch.setattr(HeightField, "horizons", wrapped)
+    assert run("dem.npz", "--products", "horizons", "--azimuths", 6, "-o", "out.npz") == 130
+    with np.load("out.npz") as data:
+        assert len(data["horizons"]) == 2
+
+
 @pytest.mark.parametrize("product", ["irradiance", "skyview"])
 def test_an_interruption_keeps_no_half_sums(here, capsys, monkeypatch, product):
     """A sum over some of the directions is no result: nothing is written, and an older file stays."""

@@ -1,0 +1,67 @@
+"""Light that the surface sends, against float64 brute force: a ray for every elevation, stopped where it first hits."""
+
+import numpy as np
+import pytest
+
+from intervis.heightfield import HeightField, make
+from intervis.heightfield.surface import normals
+
+
+def on_surface(values, y, x):
+    """Values between samples, straight on the triangles (diagonals from north-west to south-east)."""
+    r = np.clip(np.floor(y).astype(int), 0, values.shape[0] - 2)
+    c = np.clip(np.floor(x).astype(int), 0, values.shape[1] - 2)
+    f, g = y - r, x - c
+    nw, ne, sw, se = values[r, c], values[r, c + 1], values[r + 1, c], values[r + 1, c + 1]
+    return np.where(g >= f, nw + g * (ne - nw) + f * (se - ne), nw + f * (sw - nw) + g * (se - sw))
+
+
+def gathered(field, radiance, azimuth, i, j, rays=4000):
+    """Irradiance per radian of azimuth at a sample: midpoint rule over elevations, every ray followed to its hit."""
+    h, (dy, dx) = field.heights, field.spacing
+    vx, vy = np.sin(azimuth) / dx, -np.cos(azimuth) / dy
+    last = [reach(vx, h.shape[1], j), reach(vy, h.shape[0], i)]
+    # Distances at which the ray crosses a column, a row or a diagonal: between them the surface is straight
+    s = np.concatenate([np.arange(-200, 200) / v for v in (vx, vy, vx - vy) if abs(v) > 1e-12] + [[min(last)]])
+    s = np.unique(s[(s > 1e-9) & (s <= min(last) + 1e-9)].round(9))
+    if not len(s):
+        return 0.0
+    y, x = np.clip(i + vy * s, 0, h.shape[0] - 1), np.clip(j + vx * s, 0, h.shape[1] - 1)
+    z, light = on_surface(h, y, x) - h[i, j], on_surface(radiance, y, x)
+    n = normals(h, field.spacing)[:, i, j]
+    along = n[0] * np.sin(azimuth) + n[1] * np.cos(azimuth)
+    floor = np.arctan(-along / n[2])
+    top = np.arctan((z / s).max())
+    if top <= floor:
+        return 0.0
+    e = floor + (np.arange(rays) + 0.5) / rays * (top - floor)
+    first = (np.maximum.accumulate(z / s)[None, :] >= np.tan(e)[:, None]).argmax(1)
+    # Where in its stretch the ray hits; the stretch at the receiver's feet has the light of its end
+    a = np.maximum(first - 1, 0)
+    m = (z[first] - z[a]) / np.maximum(s[first] - s[a], 1e-30)
+    hit = np.where(first == 0, s[0], (z[a] - m * s[a]) / (np.tan(e) - m + (first == 0)))
+    values = np.interp(hit, s, light)
+    return np.sum(values * (n[2] * np.sin(e) + along * np.cos(e)) * np.cos(e)) * (top - floor) / rays
+
+
+def reach(v, size, at):
+    """Distance to the border along one axis."""
+    return np.inf if abs(v) < 1e-12 else ((size - 1 - at) if v > 0 else -at) / v
+
+
+@pytest.mark.parametrize(
+    "name, spacing", [("fractal", (1.0, 1.0)), ("fractal", (1.3, 0.8)), ("sine", (1.0, 1.0)), ("bowl", (2.0, 2.0))]
+)
+def test_light_from_the_surface(name, spacing):
+    rng = np.random.default_rng(7)
+    field = HeightField(make(name, 20, seed=3) * (1.5 if name == "fractal" else 1), spacing)
+    # Light as uneven as it gets: a gather that takes it for constant over what is seen together is far off
+    radiance = rng.uniform(size=(20, 20)) ** 2 * 10
+    azimuths = rng.uniform(0, 2 * np.pi, 5)
+    found = field.irradiance(sky=0.0, emission=radiance, albedo=0.0, bounces=0, azimuths=azimuths)[..., 0]
+    places = [(i, j) for i in range(1, 20, 3) for j in range(1, 20, 3)]
+    expected = np.array([sum(gathered(field, radiance, a, i, j) for a in azimuths) for i, j in places]) * 2 * np.pi / 5
+    difference = np.array([found[p] for p in places]) - expected
+    # What is left: light changes along a stretch, but is weighted as at both ends alike
+    assert np.sqrt(np.mean(difference**2)) < 0.02 * expected.mean() and np.abs(difference.mean()) < 0.005 * expected.mean()
+    assert expected.std() > 0.1 * expected.mean()
