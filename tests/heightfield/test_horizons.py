@@ -66,7 +66,7 @@ def test_marching_equals_brute_force(seed, azimuth, kind, shape, spacing):
 
 @pytest.mark.parametrize("name", ["fractal", "blocks", "bowl", "random"])
 def test_shared_lines_find_the_horizon(name):
-    """The default differs from marching by less than 0.05° at 99 % of the points, and by nothing along rows and the diagonals of its cells."""
+    """Within 0.05° of marching at 99 % of the points, and equal along rows and the diagonals of the cells."""
     field = HeightField(make(name, 128, seed=3))
     azimuths = np.array([0.0, 3 * np.pi / 4, 0.3, 1.1, 2.5, 4.0, 5.9])
     exact, fast = field.horizons(azimuths, method="march"), field.horizons(azimuths)
@@ -88,9 +88,10 @@ def test_a_pyramid_is_not_over_predicted():
     """From the plain, diagonally, a 45° pyramid's edge rises at 35.26°, not more."""
     y, x = np.mgrid[:101, :101] - 50
     field = HeightField(np.maximum(30.0 - np.maximum(np.abs(x), np.abs(y)), 0))
-    found = np.degrees(field.horizons(360)[:, 50 + 31, 50 - 31])
+    azimuths = np.arange(15.0, 76.0)
+    found = np.degrees(field.horizons(np.radians(azimuths))[:, 50 + 31, 50 - 31])
     # One cell before its foot: a little less than the edge's own 35.26°
-    assert found.argmax() == 45
+    assert azimuths[found.argmax()] == 45
     assert found.max() == pytest.approx(np.degrees(np.arctan(30 / (31 * np.sqrt(2)))), abs=0.01)
 
 
@@ -133,9 +134,9 @@ def test_raising_the_terrain_raises_horizons():
 def test_sky_view_of_a_groove_and_a_plain():
     """At the bottom of a 45° groove an upward receiver sees cos 45° of the sky, its walls half of it."""
     assert HeightField(np.zeros((9, 9))).sky_view(8)[4, 4] == pytest.approx(1)
-    seen = HeightField(make("groove", 401)).sky_view(360)[200]
-    assert seen[200] == pytest.approx(np.sqrt(0.5), abs=0.01)
-    assert seen[196] == pytest.approx(0.5, abs=0.02)
+    seen = HeightField(np.broadcast_to(np.abs(np.arange(81.0) - 40), (801, 81))).sky_view(90)[400]
+    assert seen[40] == pytest.approx(np.sqrt(0.5), abs=0.01)
+    assert seen[39] == pytest.approx(0.5, abs=0.02)
 
 
 def test_sky_view_at_the_bottom_of_a_bowl():
@@ -143,8 +144,8 @@ def test_sky_view_at_the_bottom_of_a_bowl():
     h = make("bowl", 201)
     rim = np.arctan(0.45 * 201 / (0.45 * 201))
     field = HeightField(h)
-    assert field.sky_view(90, weighting="solid_angle")[100, 100] == pytest.approx(1 - np.sin(rim), abs=0.01)
-    assert field.sky_view(90)[100, 100] == pytest.approx(np.cos(rim) ** 2, abs=0.01)
+    assert field.sky_view(30, weighting="solid_angle")[100, 100] == pytest.approx(1 - np.sin(rim), abs=0.01)
+    assert field.sky_view(30)[100, 100] == pytest.approx(np.cos(rim) ** 2, abs=0.01)
 
 
 def test_shadow_of_a_wall():
