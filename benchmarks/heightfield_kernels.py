@@ -7,7 +7,7 @@ import gc
 import numpy as np
 
 from intervis.heightfield import HeightField, make
-from intervis.heightfield.intervisibility import EVERY, EVERY_FLOAT32, SKIPPING, TREE, totals
+from intervis.heightfield.intervisibility import EVERY, EVERY_FLOAT32, TREE, totals
 from intervis.heightfield.sweep import direction
 
 from .heightfield_plots import growth as draw_growth
@@ -15,7 +15,7 @@ from .heightfield_tables import Part, Row, grid, interleave, ratio, spread, thre
 
 # Floor and goal of the speed-up, and the paper's Table 2: iterations as a share of the naive method's, in %
 PAPER = {"fractal": (1, 2.4, 2.4), "brick": (1.5, 4.2, 0.99), "sine": (5, 13, 0.62), "blocks": (4, 41, 0.78)}
-WAYS = {"tree": TREE, "auto": SKIPPING, "march, float64": EVERY, "march, float32": EVERY_FLOAT32}
+WAYS = {"tree": TREE, "auto": None, "march, float64": EVERY, "march, float32": EVERY_FLOAT32}
 
 
 def directions(count: int) -> np.ndarray:
@@ -23,7 +23,7 @@ def directions(count: int) -> np.ndarray:
     return (np.arange(count) + 0.37) * (2 * np.pi / count)
 
 
-def sweep(heights: np.ndarray, azimuths: np.ndarray, how: int) -> int:
+def sweep(heights: np.ndarray, azimuths: np.ndarray, how: int | None) -> int:
     """Find all local horizons in some azimuths, keep none; return how much was looked at."""
     return sum(totals(direction(a, (1.0, 1.0)), heights, 0.0, how)[2] for a in azimuths)
 
@@ -40,7 +40,7 @@ def measure(options, note) -> Part:
     part = Part("Local horizons against the marcher")
     part.text.append(
         "All local horizons of all points, used in place and not kept. The baseline marches sixteen lines at once in float32"
-        " on the same threads. Iterations: convexity checks of the tree, samples and blocks looked at by `auto`, a point"
+        " on the same threads. Iterations: convexity checks of the tree, what its choice looked at by `auto`, a point"
         " and direction. The fractal is spectral noise; the paper's is midpoint displacement."
     )
     table, size = [], 256 if options.quick else 1024
@@ -131,7 +131,7 @@ def growth(options, note) -> Part:
         found = interleave(
             {
                 "horizons": lambda f=field: f.horizons(azimuths["horizons"]),
-                "local horizons": lambda h=heights: sweep(h, azimuths["local horizons"], SKIPPING),
+                "local horizons": lambda h=heights: sweep(h, azimuths["local horizons"], None),
             },
             options.repeats,
             cold=("local horizons",) if size > 2048 else (),

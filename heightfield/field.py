@@ -76,8 +76,9 @@ class HeightField:
         if not self.valid.any():
             raise InputError("'heights' must have at least one known height (got none: all are nodata or not finite)")
         self.heights = _known(values, self.valid, self.policy, self.spacing)
-        # Sweeps run in float32: centred, or heights far from zero would lose their centimetres
-        self.centre = float(np.mean(self.heights[self.valid]))
+        # Sweeps run in float32: centred, or heights far from zero would lose their centimetres; by whole metres, so that
+        # heights that differ by whole metres still do
+        self.centre = float(np.round(np.mean(self.heights[self.valid])))
         self._turned = (self.heights - self.centre).astype(np.float32)
         self.georeference = None
         self.report = Report()
@@ -208,8 +209,8 @@ class HeightField:
             Radians clockwise from north.
         method : {"auto", "tree", "march"}
             All give the same result, bit for bit: "march" looks at every sample of the line, "tree" keeps the paper's convex
-            hull tree, "auto" marches but steps over what cannot be seen (see `intervisibility`). With ``radius``, "tree" is
-            "auto".
+            hull tree, "auto" takes that or marches but steps over what cannot be seen, whichever is sooner on a few lines.
+            With ``radius``, all but "march" do the latter.
 
         Returns
         -------

@@ -17,10 +17,11 @@ import math
 import drjit as dr
 import numpy as np
 
+from ..errors import interrupts
 from . import march
 
 NEAR = 16  # columns marched exactly
-LINES = 2  # shared lines a row, beyond
+LINES = 3  # shared lines a row, beyond
 LONGEST = 1 << 15  # columns; a lane's hull lives on the thread's stack
 
 
@@ -189,20 +190,21 @@ def horizons(heights, d, curve: float = 0.0, near: int = NEAR, lines: int = LINE
     slope, bend, step = dr.opaque(Float64, d.slope), dr.opaque(Float, curve * d.step**2), dr.opaque(Float, d.step)
     dr.eval(field, where, rows, columns, near, slope, bend, step)
     depth = 1 << (shape[1] - 1).bit_length()
-    _locate(
-        field,
-        where,
-        rows,
-        columns,
-        slope,
-        bend,
-        d.diagonal,
-        lines,
-        dr.opaque(Int32, first),
-        shape[0] + 1 - first,
-        near,
-        depth,
-    )
+    with interrupts():
+        _locate(
+            field,
+            where,
+            rows,
+            columns,
+            slope,
+            bend,
+            d.diagonal,
+            lines,
+            dr.opaque(Int32, first),
+            shape[0] + 1 - first,
+            near,
+            depth,
+        )
     dr.eval(where)
 
     # How high: on the receiver's own ray, around that column

@@ -7,7 +7,9 @@ is the far end of a stretch of samples seen. Three ways find them, all with the 
 - ``march`` looks at every sample (§1), sixteen lines at once.
 - ``tree`` keeps the paper's convex hull tree a line (§5, `tree`).
 - ``blocks`` marches, but steps over stretches of samples whose highest points none of the sixteen receivers can see. The
-  lanes share every test, so vector units stay busy where the tree follows pointers: it is what ``auto`` takes.
+  lanes share every test, so vector units stay busy where the tree follows pointers.
+
+``auto`` takes the tree or blocks, whichever will be sooner by what both had to look at on a few of the lines.
 """
 
 from __future__ import annotations
@@ -23,6 +25,9 @@ BLOCK = 16  # samples stepped over at once, at most the bits of a word
 GROUP = 16  # blocks stepped over at once
 SKIPPING, EVERY, EVERY_FLOAT32, TREE = range(4)
 BUDGET = 24  # horizons a point for which room is made at first
+PROBES = 2  # panels on which both are tried before choosing
+TREE_COST = 20.0  # of a convexity check, in samples that blocks look at; measured on the paper's four fields
+POINT_COST = -20.0  # what a point costs the tree beyond its checks, in the same
 
 
 @nb.njit(cache=True)
@@ -213,6 +218,32 @@ def _deliver(order, slope, first, step, curve, counts, starts, offsets, overs, d
                         at, n = at + 1, n + 1
 
 
+@nb.njit(cache=True, parallel=True)
+def _probe(heights, slope, first, bend):
+    # Convexity checks, samples looked at by blocks, and points, on a few panels spread over the field
+    rows, columns = heights.shape
+    panels = (rows - first + LANES - 1) // LANES
+    found = np.zeros((PROBES, 3), np.int64)
+    for probe in nb.prange(PROBES):
+        line = first + LANES * int((probe + 0.5) / PROBES * panels)
+        a, b = span(line, LANES, slope, rows, columns)
+        if b > a:
+            sheet = np.empty((b - a, LANES), np.float32)
+            panel(heights, line, slope, a, b, bend, sheet)
+            c, t = np.empty((b - a, LANES), np.int32), np.empty((b - a, LANES), np.int64)
+            none, nought = np.empty(0, np.int32), np.empty(0, np.float32)
+            found[probe, 0] = tree.search(sheet, 1, c, t, none, nought)[1]
+            found[probe, 1] = search(sheet, b - a, SKIPPING, 1, c, t, none, nought)[1]
+            found[probe, 2] = (b - a) * LANES
+    return found.sum(axis=0)
+
+
+def _sooner(turned, d, first, curve):
+    # The tree or blocks, whichever will be sooner on this field
+    checks, looked, points = _probe(turned, d.slope, first, curve * d.step**2)
+    return TREE if TREE_COST * checks + POINT_COST * points < looked else SKIPPING
+
+
 def local_horizons(d, heights, curve: float = 0.0, reach: int | None = None, method: str = "auto"):
     """Find the local horizons of every grid point.
 
@@ -239,8 +270,13 @@ def local_horizons(d, heights, curve: float = 0.0, reach: int | None = None, met
     naive : int
         Samples that the naive method looks at.
     """
-    how = {"auto": SKIPPING, "tree": SKIPPING if reach else TREE, "march": EVERY}[method]
     turned, order, first = _turned(d, heights)
+    if method == "march":
+        how = EVERY
+    elif reach is not None:
+        how = SKIPPING
+    else:
+        how = TREE if method == "tree" else _sooner(turned, d, first, curve)
     counts, totals = (np.zeros(heights.size, dtype=t) for t in (np.int32, np.int64))
     far, bend, budget = turned.shape[1] if reach is None else reach, curve * d.step**2, BUDGET
     while True:
@@ -255,7 +291,7 @@ def local_horizons(d, heights, curve: float = 0.0, reach: int | None = None, met
     return starts, distances, angles, int(found[3].sum()), _naive(turned.shape, d.slope, far)
 
 
-def totals(d, heights, curve: float = 0.0, how: int = SKIPPING):
+def totals(d, heights, curve: float = 0.0, how: int | None = None):
     """Use the horizons in place and keep none: their number and the sum of their distances (in samples) at every point.
 
     Parameters
@@ -263,7 +299,7 @@ def totals(d, heights, curve: float = 0.0, how: int = SKIPPING):
     d, heights, curve
         As for `local_horizons`.
     how : int
-        `SKIPPING`, `EVERY`, `EVERY_FLOAT32` or `TREE`.
+        `SKIPPING`, `EVERY`, `EVERY_FLOAT32` or `TREE`; as ``auto`` chooses by default.
 
     Returns
     -------
@@ -272,6 +308,7 @@ def totals(d, heights, curve: float = 0.0, how: int = SKIPPING):
     looked : int
     """
     turned, order, first = _turned(d, heights)
+    how = _sooner(turned, d, first, curve) if how is None else how
     counts, sums = (np.zeros(heights.size, dtype=t) for t in (np.int32, np.int64))
     found = _panels(turned, order, d.slope, first, curve * d.step**2, turned.shape[1], how, 0, counts, sums)
     return counts, sums, int(found[3].sum())
