@@ -33,6 +33,10 @@ def main(argv: Sequence[str] | None = None) -> int:
         130 interrupted.
     """
     words = list(sys.argv[1:] if argv is None else argv)
+    # An azimuth below zero is no option
+    while "--sun" in words[:-1]:
+        at = words.index("--sun")
+        words[at : at + 2] = [f"--sun={words[at + 1]}"]
     try:
         options = _parser().parse_args(words)
         code = _run(options, shlex.join(["intervis", *words]))
@@ -156,6 +160,7 @@ def _heightfield(commands) -> None:
     p.add_argument("--preview", metavar="OUT.png", help="write a picture too")
     p.add_argument("--spacing", metavar="M|DY,DX", help="metres between samples (default: the file's, or 1)")
     p.add_argument("--size", type=int, default=256, metavar="N", help=f"samples a side of a built-in field ({default})")
+    p.add_argument("--nodata", type=float, metavar="H", help="a height that means unknown (default: the file's)")
     p.add_argument("--nodata-policy", default="fill", metavar="P", help="fill, transparent or block (default: %(default)s)")
     p.add_argument("--curvature", action="store_true", help="let the Earth curve away, with refraction")
     p.add_argument("--radius", type=float, metavar="M", help="look no farther than so many metres")

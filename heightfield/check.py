@@ -6,6 +6,8 @@ import numpy as np
 
 from ..errors import InputError
 
+UNKNOWN = 1e30  # m; what is beyond is no height
+
 
 def choice(name: str, value, allowed):
     """Return ``value`` if it is one of ``allowed``."""
@@ -36,7 +38,7 @@ def spacing_of(spacing) -> tuple[float, float]:
         values = []
     if len(values) not in (1, 2):
         raise InputError(f"'spacing' must be one number or two, (dy, dx), in metres (got {spacing!r})")
-    pair = [number("spacing", v, 0.0, open_low=True) for v in values]
+    pair = [number("spacing", v, 1e-12, 1e12) for v in values]
     return pair[0], pair[-1]
 
 
@@ -49,7 +51,10 @@ def reals(name: str, values) -> np.ndarray:
 
 
 def grid(name: str, values) -> np.ndarray:
-    """Return a real two-dimensional array, not empty, as float64 in native order; masked points become NaN."""
+    """Return a real two-dimensional array, not empty, as float64 in native order; masked points become NaN.
+
+    So does what is beyond ±1e30: no height, but how many rasters write "unknown".
+    """
     masked = isinstance(values, np.ma.MaskedArray)
     try:
         array = np.ma.filled(values.astype(np.float64), np.nan) if masked else np.asarray(values)
@@ -59,4 +64,7 @@ def grid(name: str, values) -> np.ndarray:
         raise InputError(f"'{name}' must be a two-dimensional array of rows and columns (got shape {array.shape})")
     if array.dtype.kind not in "fiub":
         raise InputError(f"'{name}' must hold real numbers (got dtype {array.dtype})")
-    return np.array(array, dtype=np.float64, order="C")
+    out = np.array(array, dtype=np.float64, order="C")
+    with np.errstate(invalid="ignore"):
+        out[~(np.abs(out) <= UNKNOWN)] = np.nan
+    return out

@@ -22,6 +22,7 @@ from .sweep import azimuths_of
 
 PRODUCTS = ("irradiance", "skyview", "horizons", "shadow")
 MOST = 36_000  # azimuths
+BRIGHTEST = 1e30  # W/m²: products are float32
 
 
 def run(options, line: str) -> int:
@@ -107,6 +108,8 @@ def _counted(report, name):
 
 def _field(options) -> HeightField:
     settings = {"nodata_policy": options.nodata_policy, "curvature": options.curvature, "radius": options.radius}
+    if options.nodata is not None:
+        settings["nodata"] = options.nodata
     if options.spacing is not None:
         try:
             settings["spacing"] = [float(x) for x in options.spacing.split(",")]
@@ -149,7 +152,7 @@ def _sun(text):
     except ValueError:
         raise InputError(f"'sun' must be AZ,EL,W: two angles in degrees and W/m² (got {text!r})") from None
     number("sun elevation", el, -90, 90)
-    return np.radians(number("sun azimuth", az)), np.radians(el), number("sun irradiance", w, 0)
+    return np.radians(number("sun azimuth", az)), np.radians(el), number("sun irradiance", w, 0, BRIGHTEST)
 
 
 def _sky(text):
@@ -158,7 +161,7 @@ def _sky(text):
     except ValueError:
         value = None
     if value is not None:
-        return number("sky", value, 0)
+        return number("sky", value, 0, BRIGHTEST)
     from .sources import read_map
 
     if not text.lower().endswith(".exr"):

@@ -109,6 +109,9 @@ def test_built_in_fields(here):
     with np.load("a.npz") as data:
         np.testing.assert_array_equal(data["shadow"], HeightField(heights, spacing).shadow(*np.radians([100, 20])))
         assert tuple(data["spacing"]) == spacing
+    assert run("jacksboro", "--products", "shadow", "--sun", "-260,20,1", "-o", "b.npz") == 0
+    with np.load("a.npz") as a, np.load("b.npz") as b:
+        np.testing.assert_allclose(a["shadow"], b["shadow"], atol=1e-3)
     assert run("blocks", "--size", 20, "--products", "skyview", "--azimuths", 3, "-o", "b.npz") == 0
     with np.load("b.npz") as data:
         np.testing.assert_array_equal(data["skyview"], HeightField(make("blocks", 20)).sky_view(3))
@@ -125,6 +128,8 @@ def test_options_of_the_field(here):
         (("--nodata-policy", "block"), {"nodata_policy": "block"}),
         (("--nodata-policy", "transparent"), {"nodata_policy": "transparent"}),
         (("--radius", 4), {"radius": 4.0}),
+        (("--nodata", heights[0, 0]), {"nodata": heights[0, 0]}),
+        (("--nodata", "-9999"), {}),
         (("--curvature", "--spacing", "9000"), {"curvature": True, "spacing": 9000.0}),
     ):
         assert run("dem.npy", *words, *common) == 0
@@ -173,11 +178,15 @@ REFUSED = [
     *[(("dem.npz", "--azimuths", k), "azimuths") for k in ("0", "-3", "2.5", "many", "1000000000")],
     *[(("dem.npz", "--bounces", b), "bounces") for b in ("-1", "0.5", "x")],
     *[(("dem.npz", "--albedo", a), "albedo") for a in ("-0.1", "1.1", "nan", "grey")],
-    *[(("dem.npz", "--sun", s), "sun") for s in ("1,2", "a,b,c", "1,2,3,4", "0,91,5", "0,30,-5", "nan,30,5", "")],
-    *[(("dem.npz", "--sky", s), "sky") for s in ("-1", "nan", "inf", "blue", "poem.hdr", "")],
+    *[
+        (("dem.npz", "--sun", s), "sun")
+        for s in ("1,2", "a,b,c", "1,2,3,4", "0,91,5", "0,30,-5", "nan,30,5", "", "0,30,1e39")
+    ],
+    *[(("dem.npz", "--sky", s), "sky") for s in ("-1", "nan", "inf", "1e39", "blue", "poem.hdr", "")],
     (("dem.npz", "--sky", "missing.exr"), "does not exist"),
     (("dem.npz", "--sky", "poem.exr"), "OpenEXR"),
-    *[(("dem.npz", "--spacing", s), "spacing") for s in ("0", "-1", "a", "1,2,3", "1,", "inf")],
+    *[(("dem.npz", "--spacing", s), "spacing") for s in ("0", "-1", "a", "1,2,3", "1,", "inf", "1e-300")],
+    (("dem.npz", "--nodata", "none"), "nodata"),
     (("dem.npz", "--nodata-policy", "ignore"), "'nodata_policy' must be one of fill, transparent, block"),
     *[(("dem.npz", "--radius", r), "radius") for r in ("0", "-2", "nan", "far")],
     *[(("sine", "--size", n), "must be|size") for n in ("0", "-4", "x")],

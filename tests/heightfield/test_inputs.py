@@ -86,6 +86,16 @@ def test_unknown_points(policy):
         np.testing.assert_array_equal(results(other, nodata_policy=policy, **options)[1], e)
 
 
+def test_what_is_no_height_is_unknown():
+    """Rasters without a nodata tag are full of −3.4e38 and the like."""
+    h = np.zeros((6, 7), np.float32)
+    h[1, 2], h[3, 3], h[4, 4] = np.finfo(np.float32).min, 1e31, -1e6
+    field = HeightField(h)
+    assert (~field.valid).sum() == 2 and field.heights[4, 4] == -1e6 and field.heights[1, 2] == 0
+    with pytest.raises(InputError, match="at least one known height"):
+        HeightField(np.full((3, 3), 1e300))
+
+
 def test_policies_differ_behind_unknown_points():
     h = np.zeros((5, 40))
     h[:, 30] = np.nan
