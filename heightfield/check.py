@@ -6,7 +6,7 @@ import numpy as np
 
 from ..errors import InputError
 
-UNKNOWN = 1e30  # m; what is beyond is no height
+UNKNOWN = 1e15  # m; what is beyond is no height
 
 
 def choice(name: str, value, allowed):
@@ -20,7 +20,7 @@ def number(name: str, value, low=-np.inf, high=np.inf, *, open_low=False, whole=
     """Return ``value`` as a float if it is a finite number in [low, high]."""
     try:
         v = float(value)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         raise InputError(f"'{name}' must be a number (got {value!r})") from None
     if not np.isfinite(v) or v < low or v > high or (open_low and v <= low) or (whole and v != int(v)):
         kind = "a whole number" if whole else "a finite number"
@@ -53,7 +53,7 @@ def reals(name: str, values) -> np.ndarray:
 def grid(name: str, values) -> np.ndarray:
     """Return a real two-dimensional array, not empty, as float64 in native order; masked points become NaN.
 
-    So does what is beyond ±1e30: no height, but how many rasters write "unknown".
+    So does what is beyond ±1e15: no height, but how many rasters write "unknown".
     """
     masked = isinstance(values, np.ma.MaskedArray)
     try:

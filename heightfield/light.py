@@ -41,6 +41,8 @@ def channels_of(sky, sun, *values) -> int:
     for v in (*values, sky, sun[2] if sun is not None else 1.0):
         if callable(v):
             found.add(_called(v, np.zeros(1), np.ones(1)).shape[-1])
+        elif not np.size(v):
+            raise InputError(f"'sky', 'sun', 'albedo' and 'emission' must not be empty (got shape {np.shape(v)})")
         elif np.ndim(v) in (1, 3):
             found.add(np.shape(v)[-1])
     found.discard(1)

@@ -13,7 +13,11 @@ from dataclasses import dataclass
 import numba as nb
 import numpy as np
 
+from ..errors import InputError
+from .check import number, reals
+
 TILE = 8  # samples a side, copied together
+MOST = 1_000_000  # azimuths
 
 
 @dataclass(frozen=True)
@@ -101,15 +105,12 @@ def direction(azimuth: float, spacing: tuple[float, float]) -> Direction:
 
 def azimuths_of(azimuths, minimum: int = 1) -> np.ndarray:
     """Return azimuths in radians from a count (equally spaced, north first) or an array of them."""
-    from ..errors import InputError
-
     if isinstance(azimuths, (bool, str)) or azimuths is None:
         raise InputError(f"'azimuths' must be a count or an array of radians (got {azimuths!r})")
     if np.ndim(azimuths) == 0:
-        if azimuths != int(azimuths) or azimuths < minimum:
-            raise InputError(f"'azimuths' must be a whole number >= {minimum} (got {azimuths})")
-        return np.arange(int(azimuths)) * (2 * np.pi / int(azimuths))
-    values = np.asarray(azimuths, dtype=np.float64).ravel()
+        count = int(number("azimuths", azimuths, minimum, MOST, whole=True))
+        return np.arange(count) * (2 * np.pi / count)
+    values = reals("azimuths", azimuths).ravel()
     if not len(values) or not np.isfinite(values).all():
         raise InputError("'azimuths' must hold at least one azimuth, all finite, in radians clockwise from north")
     return values
