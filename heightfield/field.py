@@ -72,10 +72,13 @@ class HeightField:
         self.curve = (1 - refraction) / (2 * EARTH) if on else 0.0
         self.valid = np.isfinite(values)
         if nodata is not None:
-            self.valid &= values != float(reals("nodata", nodata))
+            unknown = reals("nodata", nodata)
+            if unknown.ndim:
+                raise InputError(f"'nodata' must be one height (got {nodata!r})")
+            self.valid &= values != unknown
         if not self.valid.any():
             raise InputError("'heights' must have at least one known height (got none: all are nodata or not finite)")
-        self.heights = _known(values, self.valid, self.policy, self.spacing)
+        self.heights = surface.filled(values, self.valid, self.policy, self.spacing)
         # Sweeps run in float32: centred, or heights far from zero would lose their centimetres; by whole metres, so that
         # heights that differ by whole metres still do
         self.centre = float(np.round(np.mean(self.heights[self.valid])))
@@ -339,15 +342,8 @@ class HeightField:
         at = rays.positions(points, self.heights.shape)
         with self._reported(len(azimuths)):
             out = np.arctan(rays.tangents(self.heights, at, azimuths, self.spacing, self.radius, self.curve))
-        low = np.floor(at).astype(int)
-        high = np.minimum(low + (at > low), np.array(self.heights.shape) - 1)
-        known = np.logical_and.reduce([self.valid[i, j] for i in (low[:, 0], high[:, 0]) for j in (low[:, 1], high[:, 1])])
+        known, n = rays.interpolated(at, self.valid, n)
         out[:, ~known] = np.nan
-        if n is not None:
-            f, g = (at - low).T
-            rows = [(1 - g) * n[:, i, low[:, 1]] + g * n[:, i, high[:, 1]] for i in (low[:, 0], high[:, 0])]
-            n = (1 - f) * rows[0] + f * rows[1]
-            n = n / np.linalg.norm(n, axis=0)
         return out, n
 
     def _tangents(self, azimuths, method, progress=None):
@@ -384,21 +380,3 @@ class _Timed:
     def __exit__(self, *_):
         skipped = {"points without data": int((~self.field.valid).sum())}
         self.field.report = Report(wall_s=time.perf_counter() - self.begin, skipped=skipped)
-
-
-def _known(values, valid, policy, spacing):
-    # Heights with unknown points replaced as the policy says
-    if valid.all():
-        return values
-    out = values.copy()
-    known = values[valid]
-    extent = np.hypot(values.shape[0] * spacing[0], values.shape[1] * spacing[1])
-    if policy == "fill":
-        from scipy.ndimage import distance_transform_edt
-
-        nearest = distance_transform_edt(~valid, sampling=spacing, return_distances=False, return_indices=True)
-        return values[tuple(nearest)]
-    # Higher, or lower, than any line of sight between known points
-    steep = 1e3 * (extent + np.ptp(known))
-    out[~valid] = known.max() + steep if policy == "block" else known.min() - steep
-    return out

@@ -154,6 +154,32 @@ def tangents(heights, points, azimuths, spacing, radius, curve) -> np.ndarray:
     return out
 
 
+def interpolated(points, valid: np.ndarray, n: np.ndarray | None):
+    """Say which points lie between known samples only, and interpolate unit normals to them.
+
+    Parameters
+    ----------
+    points : (n, 2) float64 array
+        Fractional rows and columns.
+    valid : (rows, columns) bool array
+    n : (3, rows, columns) array or None
+
+    Returns
+    -------
+    known : (n,) bool array
+    normals : (3, n) array or None
+    """
+    low = np.floor(points).astype(int)
+    high = np.minimum(low + (points > low), np.array(valid.shape) - 1)
+    known = np.logical_and.reduce([valid[i, j] for i in (low[:, 0], high[:, 0]) for j in (low[:, 1], high[:, 1])])
+    if n is None:
+        return known, None
+    f, g = (points - low).T
+    rows = [(1 - g) * n[:, i, low[:, 1]] + g * n[:, i, high[:, 1]] for i in (low[:, 0], high[:, 0])]
+    n = (1 - f) * rows[0] + f * rows[1]
+    return known, n / np.linalg.norm(n, axis=0)
+
+
 def lamplight(heights, spacing, lamps, n: np.ndarray, channels: int, curve: float) -> np.ndarray:
     """Return irradiance from point lights.
 

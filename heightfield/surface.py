@@ -87,3 +87,21 @@ def write_ply(path, vertices, normals, triangles) -> None:
             file.write(faces.tobytes())
 
     write_whole(path, write)
+
+
+def filled(values: np.ndarray, valid: np.ndarray, policy: str, spacing: tuple[float, float]) -> np.ndarray:
+    """Return heights with unknown points replaced as the policy says (see `HeightField`), (rows, columns) float64."""
+    if valid.all():
+        return values
+    out = values.copy()
+    known = values[valid]
+    extent = np.hypot(values.shape[0] * spacing[0], values.shape[1] * spacing[1])
+    if policy == "fill":
+        from scipy.ndimage import distance_transform_edt
+
+        nearest = distance_transform_edt(~valid, sampling=spacing, return_distances=False, return_indices=True)
+        return values[tuple(nearest)]
+    # Higher, or lower, than any line of sight between known points
+    steep = 1e3 * (extent + np.ptp(known))
+    out[~valid] = known.max() + steep if policy == "block" else known.min() - steep
+    return out
