@@ -23,7 +23,7 @@ PARTS = ("peers", "kernels", "growth", "accuracy", "memory", "light", "converge"
 TEXT = """# Height fields, measured
 
 {machine}; {threads} threads unless said otherwise. {repeats} repeats, warm, in turns with what they are compared to. Ratios
-are those of median times, in brackets the least and the greatest within a round. {trial}
+are those of median times, in brackets the least and the greatest within a round.{trial}
 
 ## Figures
 {figures}
@@ -76,7 +76,7 @@ def main(arguments: list[str] | None = None) -> None:
         machine=tables.machine(),
         threads=options.threads,
         repeats=options.repeats,
-        trial="Small fields: a trial, no measurement." if options.quick else "",
+        trial=" Small fields: a trial, no measurement." if options.quick else "",
         figures=tables.grid(head, [r.cells() for p in parts for r in p.rows]),
     )
     options.output.mkdir(parents=True, exist_ok=True)

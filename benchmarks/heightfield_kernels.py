@@ -115,9 +115,9 @@ def growth(options, note) -> Part:
     threads(options.threads)
     part = Part("Growth with size")
     part.text.append(
-        "Exponents of time over points, fitted over all sizes; in brackets over single doublings of the side, the last of"
-        " which tells most about larger fields. Times are a direction's. The spectral fractal keeps the slopes of its"
-        " largest features: doubling its side adds detail."
+        "Exponents of time over points, fitted over all sizes, and in the note over single doublings of the side: the last"
+        " tell most about larger fields, the first hold what a direction costs whatever its size. Times are a direction's."
+        " The spectral fractal keeps the slopes of its largest features: doubling its side adds detail."
     )
     sizes = (64, 128, 256, 512) if options.quick else (256, 512, 1024, 2048, 4096, 8192)
     azimuths = {"horizons": directions(3), "local horizons": directions(1)}

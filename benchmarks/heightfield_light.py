@@ -49,7 +49,7 @@ def measure(options, note) -> Part:
         " paths a point: errors are means of the product of the differences from both, so that their noise drops out (what"
         " noise is left in the figure is in brackets). The path tracer's error is its noise, from pairs of independent"
         " runs; the time at which it reaches ours (plus twice the bracket) is interpolated in its ladder, beyond it"
-        " time × error² is constant (~). Its scene is built beforehand. What error we have comes from the bounces: light is"
+        " time × error² is constant (~). Its scene is built beforehand. Most of our error comes from the bounces: light is"
         " known at samples and straight between them, where the tracer looks at the point that it hits."
     )
     table, plotted, worst, gains = [], {}, (0.0, ""), {}
