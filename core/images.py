@@ -144,8 +144,8 @@ def write_png(path: str | os.PathLike, rgb: np.ndarray) -> None:
 
 def srgb(rgb: np.ndarray) -> np.ndarray:
     """Return linear values encoded as sRGB, clipped to [0, 1], float32 of the same shape; NaN becomes 0."""
-    # Colour warns at import about optional packages that nothing here uses.
-    with warnings.catch_warnings():
+    # Colour warns at import about optional packages that nothing here uses, and changes how NumPy prints numbers.
+    with warnings.catch_warnings(), np.printoptions():
         warnings.simplefilter("ignore")
         import colour
     clipped = np.clip(np.nan_to_num(np.asarray(rgb, dtype=np.float32), nan=0.0), 0.0, 1.0)

@@ -1,4 +1,6 @@
 import os
+import subprocess
+import sys
 
 import numpy as np
 import pytest
@@ -131,3 +133,13 @@ def test_outputs_are_checked_before_there_is_anything_to_write(tmp_path):
     ]:
         with pytest.raises(InputError, match=message):
             check_writable(tmp_path / path, ".exr")
+
+
+def test_pictures_leave_numpy_printing_as_it_was():
+    """Importing colour sets NumPy's legacy print mode, in which numbers lose digits."""
+    code = (
+        "import intervis, numpy as np; from intervis.images import srgb;"
+        "srgb(np.zeros((1, 1, 3))); print(str(np.float64(1 / 3)))"
+    )
+    out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
+    assert float(out) == 1 / 3
