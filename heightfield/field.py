@@ -255,6 +255,7 @@ class HeightField:
         *,
         lamps=None,
         tolerance=0.0,
+        supersampling=1,
         method="auto",
         progress=None,
     ) -> np.ndarray:
@@ -281,6 +282,8 @@ class HeightField:
         tolerance : float
             Leave out of each bounce what surely adds no more than this share of π times the surface's greatest radiance;
             0 gathers everything.
+        supersampling : int
+            The surface's light is known once a triangle, two a cell; S cuts each cell into S × S of them. Time grows as S³.
         method : {"auto", "tree", "march"}
             How the sky's horizons are found; "auto" marches, as the surface's light is gathered.
         progress : callable, optional
@@ -294,19 +297,20 @@ class HeightField:
         choice("method", method, METHODS)
         number("bounces", bounces, 0, whole=True)
         number("tolerance", tolerance, 0, 1)
+        number("supersampling", supersampling, 1, 16, whole=True)
         k = azimuths_of(azimuths)
-        # By marching, as the gather does: what the one calls sky the other must not call surface
-        tangents = self._tangents(k, "march" if method == "auto" else method)
         with self._reported(len(k)):
-            e = transport.irradiance(self, sky, sun, lamps, albedo, emission, bounces, k, tolerance, tangents, progress)
+            e = transport.irradiance(
+                self, sky, sun, lamps, albedo, emission, bounces, k, tolerance, int(supersampling), method, progress
+            )
         out = np.ascontiguousarray(np.moveaxis(e, 0, -1))
         out[~self.valid] = np.nan
         return out
 
     # --- The surface itself ----------------------------------------------------------------------------------------
 
-    def to_mitsuba(self, bsdf=None, path=None) -> dict:
-        """Return the surface as a Mitsuba shape dict: the same triangles, with smooth normals.
+    def to_mitsuba(self, bsdf=None, path=None, *, smooth=False) -> dict:
+        """Return the surface as a Mitsuba shape dict: the same triangles.
 
         Parameters
         ----------
@@ -314,6 +318,9 @@ class HeightField:
             Mitsuba BSDF; Mitsuba's own default without.
         path : path-like, optional
             Where to write the mesh (PLY); a temporary file, removed at exit, by default.
+        smooth : bool
+            Shade with normals interpolated between the grid points', which hides the triangles but loses light: Mitsuba sees
+            black where such a normal turns away from the viewer. By default each triangle is shaded as the plane it is.
 
         Returns
         -------
@@ -330,7 +337,8 @@ class HeightField:
             path = Path(folder) / "heightfield.ply"
         n = np.moveaxis(surface.normals(self.heights, self.spacing, self.valid), 0, -1).reshape(-1, 3)
         surface.write_ply(path, vertices, n, triangles)
-        return {"type": "ply", "filename": str(path), **({"bsdf": bsdf} if bsdf is not None else {})}
+        shape = {"type": "ply", "filename": str(path), "face_normals": not smooth}
+        return {**shape, "bsdf": bsdf} if bsdf is not None else shape
 
     # --- Sweeps ----------------------------------------------------------------------------------------------------
 

@@ -14,11 +14,10 @@ from __future__ import annotations
 import numba as nb
 import numpy as np
 
-from .march import BLOCK, crossings
-from .sweep import packed
+from .march import BLOCK
 
 NODES = 2048  # of the sky's table over elevation
-BEST, MINE, UP, ALONG, SEEN, GAIN, PART, RISES = range(8)  # rows of a block's working memory; the last is two
+BEST, MINE, UP, ALONG, SEEN, GAIN, RISE = range(7)  # rows of a block's working memory
 
 
 @nb.njit(cache=True, inline="always")
@@ -42,43 +41,60 @@ def _weight(t, nz, a):
 
 
 @nb.njit(cache=True, inline="always")
-def _gain(work, count, rises, lasts, first):
-    # What each receiver gains at a crossing: half a difference of W, and the visible part of the piece that ends here
+def _gain(work, count):
+    # What each receiver gains at a crossing: the difference of W over what comes up there, nought where nothing does
     for j in range(count):
-        rise, old, before = work[rises, j], work[BEST, j], work[lasts, j]
-        new = rise > old
-        now = rise if new else old
+        now = max(work[RISE, j], work[BEST, j])
         total = _weight(now, work[UP, j], work[ALONG, j])
-        work[GAIN, j] = np.float32(0.5) * (total - work[SEEN, j])
-        # It starts where it comes up from behind the horizon
-        hidden = (old - before) / (rise - before if new else np.float32(1))
-        hidden = hidden if hidden > np.float32(0) else np.float32(0)
-        hidden = hidden if hidden < np.float32(1) else np.float32(1)
-        work[PART, j] = np.float32(1) if first else hidden
+        work[GAIN, j] = total - work[SEEN, j]
         work[BEST, j], work[SEEN, j] = now, total
 
 
 @nb.njit(cache=True, parallel=True, fastmath={"nsz", "contract", "reassoc"})
-def _surface(heights, radiance, nz, a, offset, weight, distance, step, curve, slack, horizon, out):
-    """March all receivers along +x: add what the surface radiates to ``out``, leave tangents in ``horizon``."""
-    rows, columns = heights.shape
-    channels = len(radiance)
-    top = heights.max()
-    for i in nb.prange(rows):
-        here = heights[i]
+def surface(heights, radiance, own, nz, a, edges, weight, distance, triangles, feet, step, curve, slack, share, horizon, out):
+    """Add to ``out`` the irradiance per radian of azimuth that the surface sends along one direction's rays.
+
+    Parameters
+    ----------
+    heights : (S², rows, columns) float32 array
+        Turned heights, centred, as `faces.planes` deals them.
+    radiance : (channels, 2 · S², rows − 1, columns − 1) float32 array
+        Of the triangles.
+    own, nz, a : (m, n) float32 arrays
+        The receivers' heights, and their normals' components upwards and along the direction.
+    edges, weight, distance, triangles
+        As `faces.Ray` has them.
+    feet : bool
+        Whether receivers lie within triangles, which send them nothing.
+    step : float
+        Metres per column.
+    curve : float
+        Drop of the Earth's surface over squared distance, 1/m.
+    slack : float
+        Stop where all that may still appear weighs less than this, over all receivers side by side.
+    share : float
+        Factor of what is added.
+    horizon : (m, n) float32 array
+        Tangents below which the receiver's own plane hides everything; of its horizon afterwards.
+    out : (channels, m, n) float32 array
+    """
+    rows, columns = heights.shape[1:]
+    channels, last = len(radiance), radiance.shape[2] - 1
+    top = heights[0].max()
+    for i in nb.prange(own.shape[0]):
         # One array, so that the compiler need not ask which of them overlap
-        work = np.empty((10, BLOCK), np.float32)
+        work = np.empty((7, BLOCK), np.float32)
         gather = np.empty((channels, BLOCK), np.float32)
-        for j0 in range(0, columns, BLOCK):
-            size = min(BLOCK, columns - j0)
+        for j0 in range(0, own.shape[1], BLOCK):
+            size = min(BLOCK, own.shape[1] - j0)
             for j in range(size):
-                work[BEST, j], work[MINE, j] = horizon[i, j0 + j], here[j0 + j]
+                work[BEST, j], work[MINE, j] = horizon[i, j0 + j], own[i, j0 + j]
                 work[UP, j], work[ALONG, j] = nz[i, j0 + j], a[i, j0 + j]
             for j in range(size):
                 work[SEEN, j] = _weight(work[BEST, j], work[UP, j], work[ALONG, j])
             gather[:] = 0
             for n in range(len(distance)):
-                ra, ca, rb, cb = i + offset[n, 0], j0 + offset[n, 1], i + offset[n, 2], j0 + offset[n, 3]
+                ra, ca, rb, cb = i + edges[n, 1], j0 + edges[n, 2], i + edges[n, 4], j0 + edges[n, 5]
                 count = min(size, columns - max(ca, cb))
                 if ra >= rows or rb >= rows or count <= 0:
                     break
@@ -98,35 +114,29 @@ def _surface(heights, radiance, nz, a, offset, weight, distance, step, curve, sl
                             more |= _weight(highest, work[UP, j], work[ALONG, j]) - work[SEEN, j] > slack
                     if not more:
                         break
-                p, q = heights[ra, ca : ca + count], heights[rb, cb : cb + count]
-                rises = RISES + (n & 1)
+                p, q = heights[edges[n, 0], ra, ca : ca + count], heights[edges[n, 3], rb, cb : cb + count]
                 some = False
                 for j in range(count):
                     rise = (p[j] + w * (q[j] - p[j]) - work[MINE, j]) * scale - drop
-                    work[rises, j] = rise
+                    work[RISE, j] = rise
                     some |= rise > work[BEST, j]
                 if not some:
                     continue
                 # All receivers together, those that see nothing new with a gain of nought: no branch, so vectors
-                if n & 1:
-                    _gain(work, count, RISES + 1, RISES, False)
-                else:
-                    _gain(work, count, RISES, RISES + 1, n == 0)
-                m = max(n - 1, 0)
-                va, ua, vb, ub = i + offset[m, 0], j0 + offset[m, 1], i + offset[m, 2], j0 + offset[m, 3]
-                f = np.float32(weight[m])
-                for c in range(channels):
-                    ea, eb = radiance[c, ra, ca : ca + count], radiance[c, rb, cb : cb + count]
-                    sa, sb = radiance[c, va, ua : ua + count], radiance[c, vb, ub : ub + count]
+                _gain(work, count)
+                if n == 0 and feet:
+                    # The triangle on which the receiver itself lies sends it nothing
+                    continue
+                r, c = min(max(i + triangles[n, 1], 0), last), j0 + triangles[n, 2]
+                for k in range(channels):
+                    light = radiance[k, triangles[n, 0], r, c : c + count]
                     for j in range(count):
-                        end = ea[j] + w * (eb[j] - ea[j])
-                        before = sa[j] + f * (sb[j] - sa[j])
-                        gather[c, j] += work[GAIN, j] * (before + work[PART, j] * (end - before) + end)
+                        gather[k, j] += work[GAIN, j] * light[j]
             for j in range(size):
                 horizon[i, j0 + j] = work[BEST, j]
             for c in range(channels):
                 for j in range(size):
-                    out[c, i, j0 + j] += gather[c, j]
+                    out[c, i, j0 + j] += share * gather[c, j]
 
 
 def sky_table(radiance) -> np.ndarray:
@@ -170,39 +180,3 @@ def add_sky(horizon, nz, a, table, width, out):
                 s = table[0, k, c] + f * (table[0, k + 1, c] - table[0, k, c])
                 t = table[1, k, c] + f * (table[1, k + 1, c] - table[1, k, c])
                 out[c, i, j] += np.float32(width * max(nz[i, j] * s + a[i, j] * t, 0.0))
-
-
-def surface(d, heights, radiance, n, azimuth, curve, reach, floor, tolerance=0.0) -> np.ndarray:
-    """Irradiance per radian of azimuth that the surface sends to every point from one direction.
-
-    Parameters
-    ----------
-    d : sweep.Direction
-    heights : (rows, columns) float32 array
-        North up, centred.
-    radiance : (channels, rows, columns) float32 array
-    n : (3, rows, columns) array
-        Unit normals.
-    azimuth, curve : float
-    reach : int or None
-        Columns to look at.
-    floor : (rows, columns) array
-        Tangents below which the receiver's own plane hides everything.
-    tolerance : float
-        Stop where all that may still appear adds less than this share of π times the greatest radiance, over all azimuths.
-
-    Returns
-    -------
-    (channels, rows, columns) float32 array
-        Turned as ``d`` turns.
-    """
-    a = n[0] * np.sin(azimuth) + n[1] * np.cos(azimuth)
-    h, nz, a, horizon = (packed(d.turn(np.asarray(x, dtype=np.float32))) for x in (heights, n[2], a, floor))
-    light = np.stack([packed(d.turn(channel)) for channel in radiance])
-    out = np.zeros_like(light)
-    columns = h.shape[1] - 1 if reach is None else min(reach, h.shape[1] - 1)
-    if columns > 0:
-        _surface(
-            h, light, nz, a, *crossings(d.slope, d.diagonal, columns), d.step, curve, np.float32(tolerance / 2), horizon, out
-        )
-    return out

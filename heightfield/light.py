@@ -127,13 +127,16 @@ def _means(values, begin, end):
     return (integral(end) - integral(begin)) / (end - begin).reshape(-1, *[1] * (values.ndim - 1))
 
 
-def sunlight(field, sun, n: np.ndarray, channels: int) -> np.ndarray:
-    """Return direct irradiance from a sun, (channels, rows, columns)."""
+def sunlight(sun, shadow, n: np.ndarray, channels: int) -> np.ndarray:
+    """Return direct irradiance from a sun, (channels, ...) float32.
+
+    ``shadow(azimuth, elevation, radius)`` gives the share of its disk that each receiver sees; ``n`` (3, ...): unit normals.
+    """
     azimuth, elevation = number("sun azimuth", sun[0]), number("sun elevation", sun[1], -np.pi / 2, np.pi / 2)
     strength = np.broadcast_to(reals("sun irradiance", sun[2]).ravel(), (channels,))
     if not np.isfinite(strength).all() or strength.min() < 0:
         raise InputError(f"'sun' irradiance must be finite and >= 0 (got {sun[2]!r})")
-    lit = field.shadow(azimuth, elevation, radius=sun[3] if len(sun) == 4 else SUN_RADIUS)
+    lit = shadow(azimuth, elevation, number("sun radius", sun[3], 0, np.pi / 2) if len(sun) == 4 else SUN_RADIUS)
     to = np.array([np.sin(azimuth) * np.cos(elevation), np.cos(azimuth) * np.cos(elevation), np.sin(elevation)])
     cosine = np.maximum(np.tensordot(to, n, axes=1), 0) * np.nan_to_num(lit)
-    return (strength[:, None, None] * cosine).astype(np.float32)
+    return (strength.reshape(-1, *[1] * cosine.ndim) * cosine).astype(np.float32)

@@ -11,100 +11,97 @@ import numba as nb
 import numpy as np
 
 BLOCK = 64  # receivers marched together
+NEARBY = 1e-9  # columns; nearer to a sample, a ray runs through it
 
 
-@nb.njit(cache=True)
-def crossings(slope, diagonal, columns):
-    """List the edge crossings of a ray that leaves a grid point, as far as ``columns`` columns.
+def crossings(slope, diagonal, columns, y=0.0, x=0.0):
+    """List the edge crossings of a ray over the grid, as far as ``columns`` columns.
+
+    Parameters
+    ----------
+    slope : float
+        Rows per column, in [0, 1].
+    diagonal : bool
+        Whether cells are cut from (row, column) to (row + 1, column + 1).
+    columns : float
+        How far to look.
+    y, x : float
+        Row and column where the ray begins, >= 0.
 
     Returns
     -------
     offset : (n, 4) int32 array
-        Row and column offsets of the edge's two ends.
+        Row and column of the edge's two ends.
     weight : (n,) float64 array
         Weight of the second end.
     distance : (n,) float64 array
-        Distance in columns, rising.
+        Distance in columns from the beginning, rising.
     """
-    most = 4 * columns + 4
-    offset, weight, distance = np.empty((most, 4), np.int32), np.empty(most), np.empty(most)
-    n = 0
-    for k in range(columns):
-        # Within columns k to k + 1 the ray climbs from y0 to y1
-        y0, y1 = slope * k, slope * (k + 1)
-        row = int(np.floor(y0 + 1e-12))
-        last = int(np.ceil(y1 - 1e-12)) - 1
-        here = n
-        for r in range(row, max(last, row) + 1):
-            # Cell (r, k): its diagonal, either y − r = x − k or y − r = 1 − (x − k)
-            if diagonal:
-                if slope < 1.0:
-                    x = (slope * k - r) / (1.0 - slope)
-                else:
-                    x = -1.0
-            else:
-                x = (r + 1 - slope * k) / (1.0 + slope)
-            if 1e-12 < x < 1.0 - 1e-12:
-                y = slope * (k + x) - r
-                if 1e-12 < y < 1.0 - 1e-12:
-                    offset[n, 0], offset[n, 1] = (r, k) if diagonal else (r + 1, k)
-                    offset[n, 2], offset[n, 3] = (r + 1, k + 1) if diagonal else (r, k + 1)
-                    weight[n], distance[n] = x, k + x
-                    n += 1
-            # The row edge between cells r and r + 1
-            if r < last:
-                x = (r + 1) / slope - k
-                if 1e-12 < x < 1.0 - 1e-12:
-                    offset[n, 0], offset[n, 1], offset[n, 2], offset[n, 3] = r + 1, k, r + 1, k + 1
-                    weight[n], distance[n] = x, k + x
-                    n += 1
-        # In the order of distance: at most three
-        for a in range(here + 1, n):
-            b = a
-            while b > here and distance[b - 1] > distance[b]:
-                for c in range(4):
-                    offset[b, c], offset[b - 1, c] = offset[b - 1, c], offset[b, c]
-                weight[b], weight[b - 1] = weight[b - 1], weight[b]
-                distance[b], distance[b - 1] = distance[b - 1], distance[b]
-                b -= 1
-        # The column edge at k + 1
-        row = int(np.floor(y1 + 1e-12))
-        f = y1 - row
-        if f < 1e-12:
-            f = 0.0
-        offset[n, 0], offset[n, 1], offset[n, 2], offset[n, 3] = row, k + 1, row + (1 if f > 0 else 0), k + 1
-        weight[n], distance[n] = f, k + 1
-        n += 1
-    return offset[:n], weight[:n], distance[:n]
+    # Columns: always counted, and alone where the ray meets a sample
+    at_x = np.arange(np.floor(x + NEARBY) + 1, np.floor(x + columns + NEARBY) + 1)
+    t = at_x - x
+    at_y = y + slope * t
+    row = np.floor(at_y + NEARBY)
+    weight = np.where(at_y - row < NEARBY, 0.0, at_y - row)
+    found = [(t, row, at_x, row + (weight > 0), at_x, weight)]
+    # Rows
+    if slope > 0:
+        row = np.arange(np.floor(y + NEARBY) + 1, np.floor(y + slope * columns + NEARBY) + 1)
+        t = (row - y) / slope
+        column, weight = _between(x + t)
+        found.append((t, row, column, row, column + 1, weight))
+    # Diagonals: y − x, or y + x, is a whole number on them
+    speed, start = (slope - 1, y - x) if diagonal else (slope + 1, y + x)
+    if speed > 0:
+        t = (np.arange(np.floor(start + NEARBY) + 1, np.floor(start + speed * columns + NEARBY) + 1) - start) / speed
+    elif speed < 0:
+        t = (np.arange(np.ceil(start - NEARBY) - 1, np.ceil(start + speed * columns - NEARBY) - 1, -1) - start) / speed
+    else:
+        t = np.zeros(0)
+    column, weight = _between(x + t)
+    row = np.floor(y + slope * t)
+    found.append((t, row + (not diagonal), column, row + diagonal, column + 1, weight))
+    t, r0, c0, r1, c1, weight = np.concatenate(found, axis=1)
+    keep = np.flatnonzero((t > NEARBY) & (t <= columns + NEARBY) & ~np.isnan(weight))
+    keep = keep[np.argsort(t[keep], kind="stable")]
+    return np.stack([r0, c0, r1, c1], -1)[keep].astype(np.int32), weight[keep], t[keep]
+
+
+def _between(x):
+    # Column to the left and share of the way to the next; not a number on a column, which is listed as such
+    column = np.floor(x)
+    part = x - column
+    return column, np.where((part > NEARBY) & (part < 1 - NEARBY), part, np.nan)
 
 
 @nb.njit(cache=True, parallel=True, fastmath={"nsz", "contract", "reassoc"})
-def steepest(heights, offset, weight, distance, step, curve, out):
+def steepest(heights, own, edges, weight, distance, step, curve, out):
     """Raise ``out`` to the steepest rise towards any of the listed crossings that lies on the field.
 
     Parameters
     ----------
-    heights : (rows, columns) float32 array
+    heights : (planes, rows, columns) float32 array
         Turned heights, centred.
-    offset, weight, distance
-        As `crossings` returns them.
+    own : (m, n) float32 array
+        Heights of the receivers.
+    edges, weight, distance
+        As `faces.Ray` has them.
     step : float
         Metres per column.
     curve : float
         Drop of the Earth's surface over squared distance, 1/m.
-    out : (rows, columns) float32 array
+    out : (m, n) float32 array
         Tangents of the horizons so far, changed in place.
     """
-    rows, columns = heights.shape
-    top = heights.max()
-    for i in nb.prange(rows):
-        here = heights[i]
+    rows, columns = heights.shape[1:]
+    top = heights[0].max()
+    for i in nb.prange(own.shape[0]):
         # Blocks of receivers: their horizons stay in the cache, and each stops as soon as it can
-        for j0 in range(0, columns, BLOCK):
+        for j0 in range(0, own.shape[1], BLOCK):
             best = out[i, j0 : j0 + BLOCK]
-            mine = here[j0 : j0 + BLOCK]
+            mine = own[i, j0 : j0 + BLOCK]
             for n in range(len(distance)):
-                ra, ca, rb, cb = i + offset[n, 0], j0 + offset[n, 1], i + offset[n, 2], j0 + offset[n, 3]
+                ra, ca, rb, cb = i + edges[n, 1], j0 + edges[n, 2], i + edges[n, 4], j0 + edges[n, 5]
                 count = min(len(best), columns - max(ca, cb))
                 if ra >= rows or rb >= rows or count <= 0:
                     break
@@ -118,7 +115,7 @@ def steepest(heights, offset, weight, distance, step, curve, out):
                         more |= (top - mine[j]) * scale - drop > best[j]
                     if not more:
                         break
-                a, b = heights[ra, ca : ca + count], heights[rb, cb : cb + count]
+                a, b = heights[edges[n, 0], ra, ca : ca + count], heights[edges[n, 3], rb, cb : cb + count]
                 for j in range(count):
                     rise = (a[j] + w * (b[j] - a[j]) - mine[j]) * scale - drop
                     best[j] = max(best[j], rise)
@@ -146,5 +143,8 @@ def horizons(heights, d, curve: float = 0.0, reach: int | None = None) -> np.nda
     columns = heights.shape[1] - 1 if reach is None else min(reach, heights.shape[1] - 1)
     out = np.full(heights.shape, -np.inf, dtype=np.float32)
     if columns > 0:
-        steepest(heights, *crossings(d.slope, d.diagonal, columns), d.step, curve, out)
+        offset, weight, distance = crossings(d.slope, d.diagonal, columns)
+        edges = np.zeros((len(offset), 6), dtype=np.int32)
+        edges[:, [1, 2, 4, 5]] = offset
+        steepest(heights[None], heights, edges, weight, distance, d.step, curve, out)
     return out

@@ -96,18 +96,17 @@ def _horizons(heights, points, south, east, limit, curve, out):
 
 
 @nb.njit(cache=True, parallel=True)
-def _lit(heights, x0, y0, z0, dy, dx, curve, out):
-    # Whether every grid point sees a lamp at x0 m east and y0 m south of the first, z0 m high
-    rows, columns = heights.shape
-    for i in nb.prange(rows):
-        for j in range(columns):
-            east, south, up = x0 - j * dx, y0 - i * dy, z0 - heights[i, j]
-            d = np.hypot(east, south)
-            if d < 1e-9:
-                out[i, j] = up > 0
-                continue
-            rise = steepest(heights, i, j, heights[i, j], south / d / dy, east / d / dx, d * (1 - 1e-9), curve)
-            out[i, j] = rise < up / d - curve * d
+def _lit(heights, places, x0, y0, z0, dy, dx, curve, out):
+    # Whether every receiver sees a lamp at x0 m east and y0 m south of the first sample, z0 m high
+    for p in nb.prange(len(places)):
+        y, x, z = places[p]
+        east, south, up = x0 - x * dx, y0 - y * dy, z0 - z
+        d = np.hypot(east, south)
+        if d < 1e-9:
+            out[p] = up > 0
+            continue
+        rise = steepest(heights, y, x, z, south / d / dy, east / d / dx, d * (1 - 1e-9), curve)
+        out[p] = rise < up / d - curve * d
 
 
 def positions(points, shape: tuple[int, int]) -> np.ndarray:
@@ -180,35 +179,39 @@ def interpolated(points, valid: np.ndarray, n: np.ndarray | None):
     return known, n / np.linalg.norm(n, axis=0)
 
 
-def lamplight(heights, spacing, lamps, n: np.ndarray, channels: int, curve: float) -> np.ndarray:
+def lamplight(heights, spacing, lamps, places, n: np.ndarray, channels: int, curve: float) -> np.ndarray:
     """Return irradiance from point lights.
 
     Parameters
     ----------
     heights : (rows, columns) float64 array
     spacing : (float, float)
+        Metres between rows and between columns.
     lamps : sequence of (x, y, z, intensity)
         Metres east and north of the north-west sample, height in metres, and W/sr (number or (channels,)).
-    n : (3, rows, columns) array
-        Unit normals.
+    places : (3, ...) array
+        Receivers on the surface: rows and columns, fractional, and heights in metres.
+    n : (3, ...) array
+        Their unit normals.
     channels : int
     curve : float
+        Drop of the Earth's surface over squared distance, 1/m.
 
     Returns
     -------
-    (channels, rows, columns) float32 array
+    (channels, ...) float32 array
         W/m².
     """
-    total = np.zeros((channels, *heights.shape))
-    i, j = np.indices(heights.shape)
+    total = np.zeros((channels, *places.shape[1:]))
+    rows = np.ascontiguousarray(np.reshape(places, (3, -1)).T, dtype=np.float64)
     for x, y, z, intensity in lamps:
-        lit = np.empty(heights.shape, dtype=bool)
-        _lit(heights, x, -y, z, *spacing, curve, lit)
-        to = np.stack([x - j * spacing[1], y + i * spacing[0], z - heights])
+        lit = np.empty(len(rows), dtype=bool)
+        _lit(heights, rows, x, -y, z, *spacing, curve, lit)
+        to = np.stack([x - places[1] * spacing[1], y + places[0] * spacing[0], z - places[2]])
         to[2] -= curve * (to[0] ** 2 + to[1] ** 2)
         squared = np.maximum((to**2).sum(0), 1e-30)
-        share = np.where(lit, np.maximum((to * n).sum(0), 0), 0) / squared**1.5
-        total += intensity[:, None, None] * share
+        share = np.where(lit.reshape(squared.shape), np.maximum((to * n).sum(0), 0), 0) / squared**1.5
+        total += intensity.reshape(-1, *[1] * share.ndim) * share
     return total.astype(np.float32)
 
 

@@ -63,6 +63,30 @@ def mesh(heights: np.ndarray, spacing: tuple[float, float], valid: np.ndarray) -
     return vertices, triangles[valid.ravel()[triangles].all(axis=1)]
 
 
+def refine(values: np.ndarray, s: int) -> np.ndarray:
+    """Return the triangulated grid's values on a grid ``s`` times as fine: the same surface in smaller cells.
+
+    Parameters
+    ----------
+    values : (rows, columns) array
+    s : int
+
+    Returns
+    -------
+    (s · (rows − 1) + 1, s · (columns − 1) + 1) float64 array
+    """
+    values = np.asarray(values, dtype=np.float64)
+    rows, columns = values.shape
+    if s == 1 or min(rows, columns) < 2:
+        return values
+    y, x = np.arange(s * (rows - 1) + 1), np.arange(s * (columns - 1) + 1)
+    r, c = np.minimum(y // s, rows - 2), np.minimum(x // s, columns - 2)
+    f, g = ((y - r * s) / s)[:, None], ((x - c * s) / s)[None, :]
+    r, c = r[:, None], c[None, :]
+    nw, ne, sw, se = values[r, c], values[r, c + 1], values[r + 1, c], values[r + 1, c + 1]
+    return np.where(g >= f, nw + g * (ne - nw) + f * (se - ne), nw + f * (sw - nw) + g * (se - sw))
+
+
 def write_ply(path, vertices, normals, triangles) -> None:
     """Write a binary PLY mesh with vertex normals.
 

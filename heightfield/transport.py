@@ -1,4 +1,8 @@
-"""Light between the sky, lamps and the surface itself, over several bounces: sweeps of `gather`, added up (§10.1)."""
+"""Light between the sky, lamps and the surface itself, over several bounces: sweeps of `gather`, added up (§10.1).
+
+What the surface sends is known for each of its triangles (`faces`); what it receives is first found for those, a bounce at a
+time, and last for the grid points.
+"""
 
 from __future__ import annotations
 
@@ -6,19 +10,20 @@ import numpy as np
 
 from ..errors import InputError
 from . import gather, light, points
+from .faces import faces_of, mean, places
+from .passes import Passes
 from .surface import normals
-from .sweep import direction, packed
 
 
-def irradiance(field, sky, sun, lamps, albedo, emission, bounces, azimuths, tolerance, tangents, progress) -> np.ndarray:
+def irradiance(
+    field, sky, sun, lamps, albedo, emission, bounces, azimuths, tolerance, supersampling, method, progress
+) -> np.ndarray:
     """Irradiance of every point of a field; parameters as `HeightField.irradiance` has them, checked but for the lights.
 
     Parameters
     ----------
     azimuths : (K,) array
         Radians clockwise from north.
-    tangents : iterator of (rows, columns) arrays
-        Of the horizons, an azimuth at a time.
 
     Returns
     -------
@@ -31,10 +36,14 @@ def irradiance(field, sky, sun, lamps, albedo, emission, bounces, azimuths, tole
     if albedo.max() > 1:
         raise InputError(f"'albedo' must be in [0, 1] (got {albedo.min():g} to {albedo.max():g})")
     lamps = points.lamps_of(lamps, channels)
-    n = normals(field.heights, field.spacing, field.valid)
-    columns = light.sky_columns(sky, azimuths, channels)
-    glows = (emission > 0).any()
-    total, done = len(azimuths) * (1 + bounces + glows), 0
+    n = normals(field.heights, field.spacing, field.valid).astype(np.float32)
+    tables = [gather.sky_table(c) for c in light.sky_columns(sky, azimuths, channels)]
+    glows = bool((emission > 0).any())
+    # A strip one sample wide has no triangles
+    passes = (glows or bounces > 0) * (1 + (bounces > 0) + bounces - (not glows)) if min(field.heights.shape) > 1 else 0
+    # The last gather finds the horizons too, unless it may stop before it has
+    apart = not passes or tolerance > 0 or method == "tree"
+    total, done = len(azimuths) * (passes + apart), 0
 
     def step():
         nonlocal done
@@ -42,34 +51,41 @@ def irradiance(field, sky, sun, lamps, albedo, emission, bounces, azimuths, tole
         if progress:
             progress(done, total)
 
-    # Direct light: sky above the horizons, the sun, the lamps
-    direct = np.zeros((channels, *field.heights.shape), dtype=np.float32)
-    width = np.float32(2 * np.pi / len(azimuths))
-    for az, column, t in zip(azimuths, columns, tangents, strict=True):
-        a = n[0] * np.sin(az) + n[1] * np.cos(az)
-        floor = np.maximum(t, light.tangent_plane(n, az)).astype(np.float32)
-        gather.add_sky(floor, n[2], a, gather.sky_table(column), width, direct)
-        step()
-    if sun is not None:
-        direct += light.sunlight(field, sun, n, channels)
-    if lamps:
-        direct += points.lamplight(field.heights, field.spacing, lamps, n, channels, field.curve)
-
-    def bounce(radiance):
-        out = np.zeros_like(radiance)
-        known = np.where(field.valid | (field.policy == "fill"), radiance, 0).astype(np.float32)
-        for az in azimuths:
-            d = direction(az, field.spacing)
-            plane = light.tangent_plane(n, az)
-            seen = gather.surface(d, field._turned, known, n, az, field.curve, field._reach(d), plane, tolerance)
-            for channel, share in zip(out, seen, strict=True):
-                channel += packed(d.back(share)) * width
+    # Direct light of the grid points
+    e = np.zeros((channels, *field.heights.shape), dtype=np.float32)
+    # By marching, as the gather does: what the one calls sky the other must not call surface
+    method = "march" if method == "auto" else method
+    if apart:
+        tangents = field._tangents(azimuths, method)
+        width = 2 * np.pi / len(azimuths)
+        for az, table, t in zip(azimuths, tables, tangents, strict=True):
+            a = n[0] * np.float32(np.sin(az)) + n[1] * np.float32(np.cos(az))
+            floor = np.maximum(t, -a / n[2])
+            gather.add_sky(floor, n[2], a, table, width, e)
             step()
-        return out
+    if sun is not None:
+        e += light.sunlight(sun, lambda az, el, r: field.shadow(az, el, radius=r, method=method), n, channels)
+    if lamps:
+        grid = np.stack([*np.indices(field.heights.shape), field.heights])
+        e += points.lamplight(field.heights, field.spacing, lamps, grid, n, channels, field.curve)
+    if not passes:
+        return e
 
-    if glows:
-        direct = direct + bounce(emission)
-    e = direct
-    for _ in range(int(bounces)):
-        e = direct + bounce(e * albedo * np.float32(1 / np.pi))
-    return e
+    # Light of the triangles, a bounce at a time; what unknown points would send is left out
+    s = supersampling
+    faces = faces_of(field.heights - field.centre, field.spacing, s)
+    triangles = Passes(field, faces, n, tolerance)
+    known = mean(field.valid | (field.policy == "fill"), s) > 1 - 1e-6
+    glow, share = (np.stack([mean(c, s) for c in image]).astype(np.float32) * known for image in (emission, albedo / np.pi))
+    radiance = glow
+    if bounces > 0:
+        direct = triangles.gathered(True, azimuths, tables=tables, step=step)
+        if sun is not None:
+            direct += light.sunlight(sun, triangles.shadow, faces.normals, channels)
+        if lamps:
+            at = places(field.heights, s)
+            direct += points.lamplight(field.heights, field.spacing, lamps, at, faces.normals, channels, field.curve)
+    for b in range(int(bounces)):
+        arriving = triangles.gathered(True, azimuths, radiance, step=step) if b or glows else 0
+        radiance = glow + share * (direct + arriving)
+    return e + triangles.gathered(False, azimuths, radiance, None if apart else tables, step)

@@ -12,9 +12,8 @@ SCRIPT = runpy.run_path(str(Path(__file__).parent / "make_references.py"))
 FOLDER, LIGHT, fields = SCRIPT["FOLDER"], SCRIPT["LIGHT"], SCRIPT["fields"]
 
 
-# What is left is the light between the samples, which path tracing shades with interpolated normals; domes of eight samples
-# have most of it
-@pytest.mark.parametrize("name, limit", [("sine", 0.02), ("fractal", 0.01), ("jacksboro", 0.005)])
+# What is left is light that varies within triangles, most of it on domes of eight samples, and the references' noise
+@pytest.mark.parametrize("name, limit", [("sine", 0.004), ("fractal", 0.0015), ("jacksboro", 0.001)])
 def test_irradiance_equals_path_tracing(name, limit):
     pytest.importorskip("matplotlib")
     layers, header = read_exr(FOLDER / f"{name}.exr")

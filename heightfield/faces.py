@@ -1,0 +1,165 @@
+"""The surface's triangles as senders and receivers of light: how they lie on a grid that is turned to look along +x.
+
+Between two neighbouring crossings a ray runs over one triangle, so light known for each triangle needs no interpolation along
+the ray. All triangles of one kind lie alike in their cells: rays from their centroids meet edges at the same offsets, and are
+marched together, as those from grid points are. With supersampling each cell is cut into S × S cells of the same surface.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from . import march
+from .surface import refine
+from .sweep import Direction, packed
+
+THIRD = 1 / 3
+# Centroids (row, column) in the cell of the triangle south-west of the diagonal, and of the one north-east of it
+CENTROIDS = ((2 * THIRD, THIRD), (THIRD, 2 * THIRD))
+ABYSS = -1e30  # m; seen from nowhere
+ASIDE = 1e-6  # cells; of a ray along an edge, the side to look at
+
+
+@dataclass(frozen=True)
+class Faces:
+    """Values of every triangle of a field.
+
+    Attributes
+    ----------
+    heights : (2, S · (rows − 1), S · (columns − 1)) float32 array
+        Of the centroids: triangles south-west of their cells' diagonals, then north-east.
+    normals : (3, 2, ...) float32 array
+        Unit normals.
+    supersampling : int
+        Cells into which a cell is cut, a side.
+    """
+
+    heights: np.ndarray
+    normals: np.ndarray
+    supersampling: int
+
+
+def mean(values: np.ndarray, s: int) -> np.ndarray:
+    """Return the means over the triangles of values that are straight between grid points.
+
+    Parameters
+    ----------
+    values : (rows, columns) array
+    s : int
+        Cells into which a cell is cut, a side.
+
+    Returns
+    -------
+    (2, s · (rows − 1), s · (columns − 1)) float64 array
+    """
+    fine = refine(values, s)
+    both = fine[:-1, :-1] + fine[1:, 1:]
+    return np.stack([both + fine[1:, :-1], both + fine[:-1, 1:]]) / 3
+
+
+def faces_of(heights: np.ndarray, spacing: tuple[float, float], s: int) -> Faces:
+    """Return the triangles of (rows, columns) heights, metres ``spacing`` apart, in cells cut ``s`` times a side."""
+    z, (dy, dx) = refine(heights, s), (v / s for v in spacing)
+    east, south = np.diff(z, axis=1) / dx, np.diff(z, axis=0) / dy
+    # South-west triangles have their cells' southern and western edges, the others the northern and eastern
+    n = np.stack([np.stack([-east[1:], -east[:-1]]), np.stack([south[:, :-1], south[:, 1:]]), np.ones((2, *east[1:].shape))])
+    n /= np.linalg.norm(n, axis=0)
+    return Faces(mean(heights, s).astype(np.float32), n.astype(np.float32), s)
+
+
+def places(heights: np.ndarray, s: int) -> np.ndarray:
+    """Return rows, columns and heights of the triangles' centroids, (3, 2, ...) float64, for (rows, columns) heights."""
+    z = mean(heights, s)
+    y, x = np.indices(z.shape[1:])
+    return np.stack([np.stack([(y + v) / s, (x + u) / s, z[k]]) for k, (v, u) in enumerate(CENTROIDS)], axis=1)
+
+
+# --- On a grid turned to look along +x --------------------------------------------------------------------------------
+
+
+def planes(grid: np.ndarray, s: int) -> np.ndarray:
+    """Deal a fine grid out to ``s`` × ``s`` coarse ones, so that what all receivers look at lies side by side.
+
+    Parameters
+    ----------
+    grid : (s · m, s · n) or (s · m + 1, s · n + 1) array
+        Cells, or samples.
+
+    Returns
+    -------
+    (s², m, n) or (s², m + 1, n + 1) array
+        `ABYSS` where a sample between two grid points has none beyond the border.
+    """
+    if s == 1:
+        return packed(grid)[None]
+    rows, columns = -(-grid.shape[0] // s), -(-grid.shape[1] // s)
+    out = np.full((s * s, rows, columns), ABYSS, grid.dtype)
+    for a in range(s):
+        for b in range(s):
+            part = grid[a::s, b::s]
+            out[a * s + b, : part.shape[0], : part.shape[1]] = part
+    return out
+
+
+def undeal(parts: np.ndarray, s: int) -> np.ndarray:
+    """Undo `planes` for cells: (s², m, n) to (s · m, s · n)."""
+    _, rows, columns = parts.shape
+    return parts.reshape(s, s, rows, columns).transpose(2, 0, 3, 1).reshape(s * rows, s * columns)
+
+
+def centroid(d: Direction, kind: int) -> tuple[float, float]:
+    """Row and column, in its turned cell, of a kind of triangle's centroid."""
+    v, u = CENTROIDS[kind]
+    if d.transpose:
+        v, u = u, v
+    return (1 - v if d.flip_rows else v), (1 - u if d.flip_columns else u)
+
+
+@dataclass(frozen=True)
+class Ray:
+    """What rays of one direction meet, from all receivers that lie alike in their cells.
+
+    Attributes
+    ----------
+    edges : (n, 6) int32 array
+        Crossings: plane, row and column (from the receiver's cell) of the edge's two ends.
+    weight : (n,) float64 array
+        Of the second end.
+    distance : (n,) float64 array
+        In columns of the grid, from the receiver.
+    triangles : (n, 3) int32 array
+        The triangle before each crossing: kind · S² + plane, row and column from the receiver's cell.
+    """
+
+    edges: np.ndarray
+    weight: np.ndarray
+    distance: np.ndarray
+    triangles: np.ndarray
+
+
+def along_edge(d: Direction, y: float, x: float) -> bool:
+    """Whether a ray runs along edges of the grid, with one triangle to its left and another to its right."""
+    whole = y if d.slope == 0 else y - x
+    return (d.slope == 0 or (d.slope == 1 and d.diagonal)) and abs(whole - round(whole)) < march.NEARBY
+
+
+def ray(d: Direction, columns: int, s: int, y: float = 0.0, x: float = 0.0, side: float = 1.0) -> Ray:
+    """Follow a ray from row ``y`` and column ``x`` of a cell, for ``columns`` columns of a grid cut ``s`` times.
+
+    ``side`` says on which side to look where the ray runs along an edge.
+    """
+    offset, weight, distance = march.crossings(d.slope, d.diagonal, s * columns, s * y, s * x)
+    ends = [(offset[:, 0] % s) * s + offset[:, 1] % s, *(offset[:, :2] // s).T]
+    ends += [(offset[:, 2] % s) * s + offset[:, 3] % s, *(offset[:, 2:] // s).T]
+    middle = (distance + np.concatenate([[0.0], distance[:-1]])) / 2
+    v, u = s * y + d.slope * middle + side * ASIDE * along_edge(d, s * y, s * x), s * x + middle
+    r, c = np.floor(v).astype(int), np.floor(u).astype(int)
+    v, u = v - r, u - c
+    # Back in the cell as it lies north up
+    v, u = (1 - v if d.flip_rows else v), (1 - u if d.flip_columns else u)
+    v, u = (u, v) if d.transpose else (v, u)
+    kind = np.where(v > u, 0, 1)
+    triangles = np.stack([kind * s * s + (r % s) * s + c % s, r // s, c // s], -1)
+    return Ray(np.stack(ends, -1).astype(np.int32), weight, distance / s, triangles.astype(np.int32))
