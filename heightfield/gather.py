@@ -21,8 +21,8 @@ BEST, MINE, UP, ALONG, SEEN, GAIN, RISE = range(7)  # rows of a block's working 
 
 
 @nb.njit(cache=True, inline="always")
-def _weight(t, nz, a):
-    # W at the elevation whose tangent is t; atan by a minimax polynomial (absolute error 2e-6)
+def _elevation(t):
+    # Angle of tangent t, by a minimax polynomial (absolute error 2e-6)
     u = abs(t)
     inverse = u > np.float32(1)
     z = np.float32(1) / u if inverse else u
@@ -35,9 +35,14 @@ def _weight(t, nz, a):
     p = p * q + np.float32(0.99997726)
     e = p * z
     e = np.float32(1.5707963) - e if inverse else e
-    e = -e if t < 0 else e
+    return -e if t < 0 else e
+
+
+@nb.njit(cache=True, inline="always")
+def _weight(t, nz, a):
+    # W at the elevation whose tangent is t
     c = np.float32(1) / (np.float32(1) + t * t)
-    return np.float32(0.5) * (nz * t * t * c + a * (e + t * c))
+    return np.float32(0.5) * (nz * t * t * c + a * (_elevation(t) + t * c))
 
 
 @nb.njit(cache=True, inline="always")
@@ -172,8 +177,7 @@ def add_sky(horizon, nz, a, table, width, out):
     nodes, channels = table.shape[1], table.shape[2]
     for i in nb.prange(rows):
         for j in range(columns):
-            e = np.arctan(horizon[i, j])
-            at = (e / np.pi + 0.5) * (nodes - 1)
+            at = (_elevation(horizon[i, j]) / np.pi + 0.5) * (nodes - 1)
             k = min(max(int(at), 0), nodes - 2)
             f = at - k
             for c in range(channels):

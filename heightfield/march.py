@@ -14,6 +14,7 @@ BLOCK = 64  # receivers marched together
 NEARBY = 1e-9  # columns; nearer to a sample, a ray runs through it
 
 
+@nb.njit(cache=True)
 def crossings(slope, diagonal, columns, y=0.0, x=0.0):
     """List the edge crossings of a ray over the grid, as far as ``columns`` columns.
 
@@ -37,41 +38,41 @@ def crossings(slope, diagonal, columns, y=0.0, x=0.0):
     distance : (n,) float64 array
         Distance in columns from the beginning, rising.
     """
-    # Columns: always counted, and alone where the ray meets a sample
-    at_x = np.arange(np.floor(x + NEARBY) + 1, np.floor(x + columns + NEARBY) + 1)
-    t = at_x - x
-    at_y = y + slope * t
-    row = np.floor(at_y + NEARBY)
-    weight = np.where(at_y - row < NEARBY, 0.0, at_y - row)
-    found = [(t, row, at_x, row + (weight > 0), at_x, weight)]
-    # Rows
-    if slope > 0:
-        row = np.arange(np.floor(y + NEARBY) + 1, np.floor(y + slope * columns + NEARBY) + 1)
-        t = (row - y) / slope
-        column, weight = _between(x + t)
-        found.append((t, row, column, row, column + 1, weight))
+    most = int(4 * columns) + 8
+    offset, weight, distance = np.empty((most, 4), np.int32), np.empty(most), np.empty(most)
     # Diagonals: y − x, or y + x, is a whole number on them
     speed, start = (slope - 1, y - x) if diagonal else (slope + 1, y + x)
-    if speed > 0:
-        t = (np.arange(np.floor(start + NEARBY) + 1, np.floor(start + speed * columns + NEARBY) + 1) - start) / speed
-    elif speed < 0:
-        t = (np.arange(np.ceil(start - NEARBY) - 1, np.ceil(start + speed * columns - NEARBY) - 1, -1) - start) / speed
-    else:
-        t = np.zeros(0)
-    column, weight = _between(x + t)
-    row = np.floor(y + slope * t)
-    found.append((t, row + (not diagonal), column, row + diagonal, column + 1, weight))
-    t, r0, c0, r1, c1, weight = np.concatenate(found, axis=1)
-    keep = np.flatnonzero((t > NEARBY) & (t <= columns + NEARBY) & ~np.isnan(weight))
-    keep = keep[np.argsort(t[keep], kind="stable")]
-    return np.stack([r0, c0, r1, c1], -1)[keep].astype(np.int32), weight[keep], t[keep]
-
-
-def _between(x):
-    # Column to the left and share of the way to the next; not a number on a column, which is listed as such
-    column = np.floor(x)
-    part = x - column
-    return column, np.where((part > NEARBY) & (part < 1 - NEARBY), part, np.nan)
+    column, row = np.floor(x + NEARBY) + 1, np.floor(y + NEARBY) + 1
+    cut = np.ceil(start - NEARBY) - 1 if diagonal else np.floor(start + NEARBY) + 1
+    n = 0
+    while True:
+        t = column - x
+        t_row = (row - y) / slope if slope > 0 else np.inf
+        t_cut = (cut - start) / speed if speed != 0 else np.inf
+        if min(t, t_row, t_cut) > columns + NEARBY:
+            return offset[:n], weight[:n], distance[:n]
+        if t <= t_row and t <= t_cut:
+            # Columns are always listed, and stand for all others where the ray meets a sample
+            r = np.floor(y + slope * t + NEARBY)
+            w = y + slope * t - r
+            w = 0.0 if w < NEARBY else w
+            offset[n, 0], offset[n, 1], offset[n, 2], offset[n, 3] = r, column, r + (w > 0), column
+            column += 1
+        else:
+            t = min(t_row, t_cut)
+            c = np.floor(x + t)
+            w = x + t - c
+            if t_row <= t_cut:
+                offset[n, 0], offset[n, 1], offset[n, 2], offset[n, 3] = row, c, row, c + 1
+                row += 1
+            else:
+                r = np.floor(y + slope * t)
+                offset[n, 0], offset[n, 1], offset[n, 2], offset[n, 3] = r + (not diagonal), c, r + diagonal, c + 1
+                cut += -1 if diagonal else 1
+            if not NEARBY < w < 1 - NEARBY or t <= NEARBY:
+                continue
+        weight[n], distance[n] = w, t
+        n += 1
 
 
 @nb.njit(cache=True, parallel=True, fastmath={"nsz", "contract", "reassoc"})

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from intervis.heightfield import HeightField, make
-from intervis.heightfield.surface import normals
+from intervis.heightfield.faces import faces_of, places
+from intervis.heightfield.surface import normals, refine
 
 
 def on_surface(values, y, x):
@@ -24,13 +25,13 @@ def on_triangle(values, y, x):
     return (values[r, c] + values[r + 1, c + 1] + third) / 3
 
 
-def gathered(field, radiance, azimuth, i, j, rays=4000):
+def gathered(field, radiance, azimuth, i, j, cuts=1, rays=4000):
     """Irradiance per radian of azimuth at a sample: midpoint rule over elevations, every ray followed to its hit."""
     h, (dy, dx) = field.heights, field.spacing
     vx, vy = np.sin(azimuth) / dx, -np.cos(azimuth) / dy
     last = [reach(vx, h.shape[1], j), reach(vy, h.shape[0], i)]
     # Distances at which the ray crosses a column, a row or a diagonal: between them the surface is straight
-    s = np.concatenate([np.arange(-200, 200) / v for v in (vx, vy, vx - vy) if abs(v) > 1e-12] + [[min(last)]])
+    s = np.concatenate([np.arange(-200, 200) / v / cuts for v in (vx, vy, vx - vy) if abs(v) > 1e-12] + [[min(last)]])
     s = np.unique(s[(s > 1e-9) & (s <= min(last) + 1e-9)].round(9))
     if not len(s):
         return 0.0
@@ -46,7 +47,8 @@ def gathered(field, radiance, azimuth, i, j, rays=4000):
     first = (np.maximum.accumulate(z / s)[None, :] >= np.tan(e)[:, None]).argmax(1)
     # The middle of the stretch in which the ray hits lies on the same triangle
     middle = (s[first] + np.where(first > 0, s[first - 1], 0)) / 2
-    values = on_triangle(radiance, i + vy * middle, j + vx * middle)
+    fine = refine(radiance, cuts)
+    values = on_triangle(fine, (i + vy * middle) * cuts, (j + vx * middle) * cuts)
     return np.sum(values * (n[2] * np.sin(e) + along * np.cos(e)) * np.cos(e)) * (top - floor) / rays
 
 
@@ -56,18 +58,50 @@ def reach(v, size, at):
 
 
 @pytest.mark.parametrize(
-    "name, spacing", [("fractal", (1.0, 1.0)), ("fractal", (1.3, 0.8)), ("sine", (1.0, 1.0)), ("bowl", (2.0, 2.0))]
+    "name, spacing, cuts",
+    [
+        ("fractal", (1.0, 1.0), 1),
+        ("fractal", (1.3, 0.8), 1),
+        ("sine", (1.0, 1.0), 1),
+        ("bowl", (2.0, 2.0), 1),
+        ("fractal", (1.3, 0.8), 2),
+        ("fractal", (1.0, 1.0), 3),
+    ],
 )
-def test_light_from_the_surface(name, spacing):
+def test_light_from_the_surface(name, spacing, cuts):
     rng = np.random.default_rng(7)
     field = HeightField(make(name, 20, seed=3) * (1.5 if name == "fractal" else 1), spacing)
     # Light as uneven as it gets: a gather that takes it for constant over what is seen together is far off
     radiance = rng.uniform(size=(20, 20)) ** 2 * 10
     azimuths = rng.uniform(0, 2 * np.pi, 5)
-    found = field.irradiance(sky=0.0, emission=radiance, albedo=0.0, bounces=0, azimuths=azimuths)[..., 0]
+    found = field.irradiance(sky=0.0, emission=radiance, albedo=0.0, bounces=0, azimuths=azimuths, supersampling=cuts)[..., 0]
     places = [(i, j) for i in range(1, 20, 3) for j in range(1, 20, 3)]
-    expected = np.array([sum(gathered(field, radiance, a, i, j) for a in azimuths) for i, j in places]) * 2 * np.pi / 5
+    expected = np.array([sum(gathered(field, radiance, a, i, j, cuts) for a in azimuths) for i, j in places]) * 2 * np.pi / 5
     difference = np.array([found[p] for p in places]) - expected
     # What is left is the midpoint rule's
     assert np.abs(difference).max() < 1e-3 * expected.mean()
     assert expected.std() > 0.1 * expected.mean()
+
+
+def test_triangles_of_a_cell():
+    """One cell with its south-east corner raised: both triangles and their normals by hand."""
+    faces = faces_of(np.array([[0.0, 0.0], [0.0, 3.0]]), (1.0, 1.0), 1)
+    np.testing.assert_allclose(faces.heights, [[[1.0]], [[1.0]]])
+    # South-west: rises by 3 to the east only; north-east: by 3 to the south only
+    np.testing.assert_allclose(faces.normals[:, 0, 0, 0], np.array([-3, 0, 1]) / np.sqrt(10), rtol=1e-6)
+    np.testing.assert_allclose(faces.normals[:, 1, 0, 0], np.array([0, 3, 1]) / np.sqrt(10), rtol=1e-6)
+    np.testing.assert_allclose(
+        places(np.array([[0.0, 0.0], [0.0, 3.0]]), 1)[:, :, 0, 0].T, [[2 / 3, 1 / 3, 1], [1 / 3, 2 / 3, 1]]
+    )
+
+
+@pytest.mark.parametrize("azimuths", [np.arange(4) * np.pi / 2, np.arange(4) * np.pi / 2 + np.pi / 4, 16])
+def test_light_along_edges(azimuths):
+    """Rays along rows, columns and diagonals see both sides: the gather does not depend on how the field is turned."""
+    rng = np.random.default_rng(5)
+    heights, glow = rng.uniform(0, 4, (9, 9)), rng.uniform(0, 1, (9, 9))
+    options = dict(sky=1.0, albedo=0.7, bounces=2, azimuths=azimuths)
+    found = HeightField(heights).irradiance(emission=glow, **options)[..., 0]
+    # Turned by half a circle, cells are cut alike
+    turned = HeightField(heights[::-1, ::-1]).irradiance(emission=glow[::-1, ::-1], **options)[::-1, ::-1, 0]
+    np.testing.assert_allclose(found, turned, rtol=2e-5)
