@@ -18,7 +18,6 @@ from .sweep import Direction, packed
 THIRD = 1 / 3
 # Centroids (row, column) in the cell of the triangle south-west of the diagonal, and of the one north-east of it
 CENTROIDS = ((2 * THIRD, THIRD), (THIRD, 2 * THIRD))
-ABYSS = -1e30  # m; seen from nowhere
 ASIDE = 1e-6  # cells; of a ray along an edge, the side to look at
 
 
@@ -79,26 +78,28 @@ def places(heights: np.ndarray, s: int) -> np.ndarray:
 # --- On a grid turned to look along +x --------------------------------------------------------------------------------
 
 
-def planes(grid: np.ndarray, s: int) -> np.ndarray:
+def planes(grid: np.ndarray, s: int, fill: float | None = None) -> np.ndarray:
     """Deal a fine grid out to ``s`` × ``s`` coarse ones, so that what all receivers look at lies side by side.
 
     Parameters
     ----------
     grid : (s · m, s · n) or (s · m + 1, s · n + 1) array
         Cells, or samples.
+    fill : float, optional
+        Put `march.BLOCK` columns of this number beyond the border.
 
     Returns
     -------
     (s², m, n) or (s², m + 1, n + 1) array
-        `ABYSS` where a sample between two grid points has none beyond the border.
+        With ``fill`` where a sample between two grid points has none beyond the border, and n by `march.BLOCK` greater.
     """
-    if s == 1:
+    if fill is None and s == 1:
         return packed(grid)[None]
     rows, columns = -(-grid.shape[0] // s), -(-grid.shape[1] // s)
-    out = np.full((s * s, rows, columns), ABYSS, grid.dtype)
+    out = np.full((s * s, rows, columns + (0 if fill is None else march.BLOCK)), 0 if fill is None else fill, grid.dtype)
     for a in range(s):
         for b in range(s):
-            part = grid[a::s, b::s]
+            part = packed(grid[a::s, b::s])
             out[a * s + b, : part.shape[0], : part.shape[1]] = part
     return out
 

@@ -14,10 +14,11 @@ from __future__ import annotations
 import numba as nb
 import numpy as np
 
+from .lanes import LANES
+from .lanes_light import ALONG, BEST, MINE, SEEN, UP, cross, shine, start
 from .march import BLOCK
 
 NODES = 2048  # of the sky's table over elevation
-BEST, MINE, UP, ALONG, SEEN, GAIN, RISE = range(7)  # rows of a block's working memory
 
 
 @nb.njit(cache=True, inline="always")
@@ -45,26 +46,16 @@ def _weight(t, nz, a):
     return np.float32(0.5) * (nz * t * t * c + a * (_elevation(t) + t * c))
 
 
-@nb.njit(cache=True, inline="always")
-def _gain(work, count):
-    # What each receiver gains at a crossing: the difference of W over what comes up there, nought where nothing does
-    for j in range(count):
-        now = max(work[RISE, j], work[BEST, j])
-        total = _weight(now, work[UP, j], work[ALONG, j])
-        work[GAIN, j] = total - work[SEEN, j]
-        work[BEST, j], work[SEEN, j] = now, total
-
-
 @nb.njit(cache=True, parallel=True, fastmath={"nsz", "contract", "reassoc"})
 def surface(heights, radiance, own, nz, a, edges, weight, distance, triangles, feet, step, curve, slack, share, horizon, out):
     """Add to ``out`` the irradiance per radian of azimuth that the surface sends along one direction's rays.
 
     Parameters
     ----------
-    heights : (S², rows, columns) float32 array
-        Turned heights, centred, as `faces.planes` deals them.
-    radiance : (channels, 2 · S², rows − 1, columns − 1) float32 array
-        Of the triangles.
+    heights : (S², rows, columns + BLOCK) float32 array
+        Turned heights, centred, as `faces.planes` deals them, with `march.ABYSS` beyond the border.
+    radiance : (channels, 2 · S², rows − 1, columns − 1 + BLOCK) float32 array
+        Of the triangles, 0 beyond the border.
     own, nz, a : (m, n) float32 arrays
         The receivers' heights, and their normals' components upwards and along the direction.
     edges, weight, distance, triangles
@@ -83,25 +74,26 @@ def surface(heights, radiance, own, nz, a, edges, weight, distance, triangles, f
         Tangents below which the receiver's own plane hides everything; of its horizon afterwards.
     out : (channels, m, n) float32 array
     """
-    rows, columns = heights.shape[1:]
+    rows, columns = heights.shape[1], heights.shape[2] - BLOCK
     channels, last = len(radiance), radiance.shape[2] - 1
     top = heights[0].max()
     for i in nb.prange(own.shape[0]):
-        # One array, so that the compiler need not ask which of them overlap
-        work = np.empty((7, BLOCK), np.float32)
+        work = np.zeros((6, BLOCK), np.float32)
         gather = np.empty((channels, BLOCK), np.float32)
         for j0 in range(0, own.shape[1], BLOCK):
             size = min(BLOCK, own.shape[1] - j0)
+            # Beyond the row's end nobody sees anything
+            work[BEST] = np.inf
             for j in range(size):
                 work[BEST, j], work[MINE, j] = horizon[i, j0 + j], own[i, j0 + j]
                 work[UP, j], work[ALONG, j] = nz[i, j0 + j], a[i, j0 + j]
-            for j in range(size):
-                work[SEEN, j] = _weight(work[BEST, j], work[UP, j], work[ALONG, j])
+            groups = (size + LANES - 1) // LANES
+            for g in range(groups):
+                start(work, g)
             gather[:] = 0
             for n in range(len(distance)):
                 ra, ca, rb, cb = i + edges[n, 1], j0 + edges[n, 2], i + edges[n, 4], j0 + edges[n, 5]
-                count = min(size, columns - max(ca, cb))
-                if ra >= rows or rb >= rows or count <= 0:
+                if ra >= rows or rb >= rows or ca >= columns or cb >= columns:
                     break
                 w = np.float32(weight[n])
                 scale = np.float32(1.0 / (distance[n] * step))
@@ -109,39 +101,29 @@ def surface(heights, radiance, own, nz, a, edges, weight, distance, triangles, f
                 if n % 16 == 15:
                     # Nothing beyond can rise above anybody's horizon
                     more = False
-                    for j in range(count):
+                    for j in range(size):
                         more |= (top - work[MINE, j]) * scale - drop > work[BEST, j]
                     if more and slack > 0:
                         # Nor add more than is worth it
                         more = False
-                        for j in range(count):
+                        for j in range(size):
                             highest = max((top - work[MINE, j]) * scale - drop, work[BEST, j])
                             more |= _weight(highest, work[UP, j], work[ALONG, j]) - work[SEEN, j] > slack
                     if not more:
                         break
-                p, q = heights[edges[n, 0], ra, ca : ca + count], heights[edges[n, 3], rb, cb : cb + count]
-                some = False
-                for j in range(count):
-                    rise = (p[j] + w * (q[j] - p[j]) - work[MINE, j]) * scale - drop
-                    work[RISE, j] = rise
-                    some |= rise > work[BEST, j]
-                if not some:
-                    continue
-                # All receivers together, those that see nothing new with a gain of nought: no branch, so vectors
-                _gain(work, count)
-                if n == 0 and feet:
-                    # The triangle on which the receiver itself lies sends it nothing
-                    continue
+                p, q = heights[edges[n, 0], ra, ca : ca + BLOCK], heights[edges[n, 3], rb, cb : cb + BLOCK]
                 r, c = min(max(i + triangles[n, 1], 0), last), j0 + triangles[n, 2]
-                for k in range(channels):
-                    light = radiance[k, triangles[n, 0], r, c : c + count]
-                    for j in range(count):
-                        gather[k, j] += work[GAIN, j] * light[j]
+                # The triangle on which the receiver itself lies sends it nothing
+                shines = n > 0 or not feet
+                for g in range(groups):
+                    if cross(work, g, p, q, w, scale, drop) and shines:
+                        for m in range(channels):
+                            shine(work, g, radiance[m, triangles[n, 0], r, c : c + BLOCK], gather[m])
             for j in range(size):
                 horizon[i, j0 + j] = work[BEST, j]
-            for c in range(channels):
+            for m in range(channels):
                 for j in range(size):
-                    out[c, i, j0 + j] += share * gather[c, j]
+                    out[m, i, j0 + j] += share * gather[m, j]
 
 
 def sky_table(radiance) -> np.ndarray:

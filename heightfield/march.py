@@ -11,6 +11,7 @@ import numba as nb
 import numpy as np
 
 BLOCK = 64  # receivers marched together
+ABYSS = -1e30  # m; seen from nowhere
 NEARBY = 1e-9  # columns; nearer to a sample, a ray runs through it
 
 
@@ -81,8 +82,8 @@ def steepest(heights, own, edges, weight, distance, step, curve, out):
 
     Parameters
     ----------
-    heights : (planes, rows, columns) float32 array
-        Turned heights, centred.
+    heights : (planes, rows, columns + BLOCK) float32 array
+        Turned heights, centred, with `ABYSS` beyond the border.
     own : (m, n) float32 array
         Heights of the receivers.
     edges, weight, distance
@@ -94,17 +95,19 @@ def steepest(heights, own, edges, weight, distance, step, curve, out):
     out : (m, n) float32 array
         Tangents of the horizons so far, changed in place.
     """
-    rows, columns = heights.shape[1:]
+    rows, columns = heights.shape[1], heights.shape[2] - BLOCK
     top = heights[0].max()
     for i in nb.prange(own.shape[0]):
         # Blocks of receivers: their horizons stay in the cache, and each stops as soon as it can
         for j0 in range(0, own.shape[1], BLOCK):
-            best = out[i, j0 : j0 + BLOCK]
-            mine = own[i, j0 : j0 + BLOCK]
+            size = min(BLOCK, own.shape[1] - j0)
+            # Beyond the row's end nobody sees anything
+            best = np.full(BLOCK, np.inf, np.float32)
+            mine = np.zeros(BLOCK, np.float32)
+            best[:size], mine[:size] = out[i, j0 : j0 + size], own[i, j0 : j0 + size]
             for n in range(len(distance)):
                 ra, ca, rb, cb = i + edges[n, 1], j0 + edges[n, 2], i + edges[n, 4], j0 + edges[n, 5]
-                count = min(len(best), columns - max(ca, cb))
-                if ra >= rows or rb >= rows or count <= 0:
+                if ra >= rows or rb >= rows or ca >= columns or cb >= columns:
                     break
                 w = np.float32(weight[n])
                 scale = np.float32(1.0 / (distance[n] * step))
@@ -112,14 +115,23 @@ def steepest(heights, own, edges, weight, distance, step, curve, out):
                 if n % 16 == 15:
                     # Nothing beyond can rise above anybody's horizon
                     more = False
-                    for j in range(count):
+                    for j in range(BLOCK):
                         more |= (top - mine[j]) * scale - drop > best[j]
                     if not more:
                         break
-                a, b = heights[edges[n, 0], ra, ca : ca + count], heights[edges[n, 3], rb, cb : cb + count]
-                for j in range(count):
+                a, b = heights[edges[n, 0], ra, ca : ca + BLOCK], heights[edges[n, 3], rb, cb : cb + BLOCK]
+                for j in range(BLOCK):
                     rise = (a[j] + w * (b[j] - a[j]) - mine[j]) * scale - drop
                     best[j] = max(best[j], rise)
+            out[i, j0 : j0 + size] = best[:size]
+
+
+def padded(heights: np.ndarray) -> np.ndarray:
+    """Return (rows, columns) heights with `BLOCK` columns beyond the border that are seen from nowhere."""
+    rows, columns = heights.shape
+    out = np.full((rows, columns + BLOCK), ABYSS, dtype=np.float32)
+    out[:, :columns] = heights
+    return out
 
 
 def horizons(heights, d, curve: float = 0.0, reach: int | None = None) -> np.ndarray:
@@ -147,5 +159,5 @@ def horizons(heights, d, curve: float = 0.0, reach: int | None = None) -> np.nda
         offset, weight, distance = crossings(d.slope, d.diagonal, columns)
         edges = np.zeros((len(offset), 6), dtype=np.int32)
         edges[:, [1, 2, 4, 5]] = offset
-        steepest(heights[None], heights, edges, weight, distance, d.step, curve, out)
+        steepest(padded(heights)[None], heights, edges, weight, distance, d.step, curve, out)
     return out

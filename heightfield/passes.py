@@ -9,7 +9,7 @@ import numpy as np
 from . import gather
 from .faces import Faces, along_edge, centroid, planes, ray, undeal
 from .light import disk_share
-from .march import steepest
+from .march import ABYSS, BLOCK, steepest
 from .surface import refine
 from .sweep import Direction, direction, packed
 
@@ -70,8 +70,8 @@ class Passes:
             way = d.transpose, d.flip_rows, d.flip_columns
             if way != before:
                 # The same for all directions of an eighth of the circle
-                heights, receivers, before = planes(d.turn(self.fine), self.s), self._receivers(d, to_faces), way
-                lit = None if radiance is None else np.stack([self._dealt(d, c) for c in radiance])
+                heights, receivers, before = planes(d.turn(self.fine), self.s, ABYSS), self._receivers(d, to_faces), way
+                lit = None if radiance is None else np.stack([self._dealt(d, c, 0) for c in radiance])
             shares = []
             for r in receivers:
                 share = np.zeros((channels, *r.heights.shape), dtype=np.float32)
@@ -90,7 +90,7 @@ class Passes:
     def shadow(self, azimuth: float, elevation: float, radius: float) -> np.ndarray:
         """Share of the sun's disk that every triangle's centroid sees, (2, ...) float64; see `HeightField.shadow`."""
         d = direction(azimuth, self.field.spacing)
-        heights, found = planes(d.turn(self.fine), self.s), []
+        heights, found = planes(d.turn(self.fine), self.s, ABYSS), []
         for r in self._receivers(d, True):
             horizon = np.full((1, *r.heights.shape), -np.inf, dtype=np.float32)
             self._look(d, heights, r, None, None, horizon[0], None)
@@ -100,7 +100,8 @@ class Passes:
     def _look(self, d: Direction, heights, r: Receivers, a, radiance, horizon, share):
         # Raise horizons, and add what the surface sends if its radiance is given
         reach = self.field._reach(d)
-        columns = heights.shape[2] - 1 if reach is None else min(reach, heights.shape[2] - 1)
+        columns = heights.shape[2] - BLOCK - 1
+        columns = columns if reach is None else min(reach, columns)
         if columns <= 0:
             return
         # A ray along edges has a triangle on its left and another on its right: half of each
@@ -130,9 +131,9 @@ class Passes:
 
     # --- To a turned grid and back -------------------------------------------------------------------------------------
 
-    def _dealt(self, d, values):
+    def _dealt(self, d, values, fill=None):
         # (2, ...) values of triangles as (2 · S², m, n) planes
-        return np.concatenate([planes(d.turn(kind), self.s) for kind in values])
+        return np.concatenate([planes(d.turn(kind), self.s, fill) for kind in values])
 
     def _receivers(self, d, to_faces):
         if not to_faces:

@@ -1,0 +1,113 @@
+"""Sixteen receivers side by side: what they gain from one crossing, written once as LLVM vectors (see `lanes`)."""
+
+from __future__ import annotations
+
+from llvmlite import ir
+from numba import types
+from numba.core import cgutils
+from numba.extending import intrinsic
+
+from .lanes import _F32, LANES, _any, _load, _pointer, _splat
+
+BEST, MINE, UP, ALONG, SEEN, GAIN = range(6)  # rows of a block's working memory
+FUSED = ("contract",)
+
+# Minimax polynomial of the arc tangent over [0, 1], absolute error 2e-6
+ARC = (-0.01172120, 0.05265332, -0.11643287, 0.19354346, -0.33262347, 0.99997726)
+QUARTER = 1.5707963
+
+
+def _constant(value):
+    return ir.Constant(_F32, [value] * LANES)
+
+
+def _weight(builder, t, nz, a):
+    # W(t) = ½ (nz t² c + a (atan t + t c)), c = 1 / (1 + t²), in all lanes; the formula is `gather`'s
+    one = _constant(1.0)
+    magnitude = builder.fneg(t)
+    magnitude = builder.select(builder.fcmp_ordered("<", t, _constant(0.0)), magnitude, t)
+    steep = builder.fcmp_ordered(">", magnitude, one)
+    z = builder.select(steep, builder.fdiv(one, magnitude), magnitude)
+    q = builder.fmul(z, z)
+    e = _constant(ARC[0])
+    for coefficient in ARC[1:]:
+        e = builder.fadd(builder.fmul(e, q, flags=FUSED), _constant(coefficient), flags=FUSED)
+    e = builder.fmul(e, z)
+    e = builder.select(steep, builder.fsub(_constant(QUARTER), e), e)
+    e = builder.select(builder.fcmp_ordered("<", t, _constant(0.0)), builder.fneg(e), e)
+    c = builder.fdiv(one, builder.fadd(one, builder.fmul(t, t, flags=FUSED), flags=FUSED))
+    tc = builder.fmul(t, c)
+    side = builder.fmul(a, builder.fadd(e, tc))
+    return builder.fmul(_constant(0.5), builder.fadd(builder.fmul(nz, builder.fmul(t, tc), flags=FUSED), side, flags=FUSED))
+
+
+@intrinsic
+def start(typingctx, work, group):
+    """Set what receivers ``16 · group`` and on have seen, `SEEN`, to W at their horizons `BEST`."""
+    sig = types.void(work, types.intp)
+
+    def generate(context, builder, signature, arguments):
+        row = _rows(context, builder, signature.args[0], *arguments)
+        t, nz, a = (_load(builder, row(k)) for k in (BEST, UP, ALONG))
+        builder.store(_weight(builder, t, nz, a), row(SEEN), align=4)
+
+    return sig, generate
+
+
+@intrinsic
+def cross(typingctx, work, group, p, q, weight, scale, drop):
+    """Let receivers ``16 · group`` and on look at the crossing between samples ``p`` and ``q`` (float32 rows of a block).
+
+    Where it stands above the horizon, that is raised and `GAIN` is the difference of W, else 0. Returns whether any gained.
+    """
+    sig = types.boolean(work, types.intp, p, q, types.float32, types.float32, types.float32)
+
+    def generate(context, builder, signature, arguments):
+        work, group, p, q, weight, scale, drop = arguments
+        kinds = signature.args
+        row = _rows(context, builder, kinds[0], work, group)
+        a, b = (_load(builder, _pointer(context, builder, kinds[k], v, _F32, group)) for k, v in ((2, p), (3, q)))
+        weight, scale, drop = (_splat(builder, v, _F32) for v in (weight, scale, drop))
+        height = builder.fadd(a, builder.fmul(weight, builder.fsub(b, a), flags=FUSED), flags=FUSED)
+        over = builder.fmul(builder.fsub(height, _load(builder, row(MINE))), scale, flags=FUSED)
+        rise = builder.fsub(over, drop, flags=FUSED)
+        best = _load(builder, row(BEST))
+        new = builder.fcmp_ordered(">", rise, best)
+        some = _any(builder, new)
+        with cgutils.if_unlikely(builder, some):
+            best = builder.select(new, rise, best)
+            total = _weight(builder, best, _load(builder, row(UP)), _load(builder, row(ALONG)))
+            builder.store(builder.fsub(total, _load(builder, row(SEEN))), row(GAIN), align=4)
+            builder.store(best, row(BEST), align=4)
+            builder.store(total, row(SEEN), align=4)
+        return some
+
+    return sig, generate
+
+
+@intrinsic
+def shine(typingctx, work, group, light, out):
+    """Add the gain of receivers ``16 · group`` and on times ``light`` to ``out`` (float32 rows of a block)."""
+    sig = types.void(work, types.intp, light, out)
+
+    def generate(context, builder, signature, arguments):
+        work, group, light, out = arguments
+        kinds = signature.args
+        gain = _load(builder, _rows(context, builder, kinds[0], work, group)(GAIN))
+        radiance = _load(builder, _pointer(context, builder, kinds[2], light, _F32, group))
+        at = _pointer(context, builder, kinds[3], out, _F32, group)
+        builder.store(builder.fadd(_load(builder, at), builder.fmul(gain, radiance, flags=FUSED), flags=FUSED), at, align=4)
+
+    return sig, generate
+
+
+def _rows(context, builder, kind, work, group):
+    # Address of a group in each row of the working memory
+    array = context.make_array(kind)(context, builder, value=work)
+    groups = builder.udiv(cgutils.unpack_tuple(builder, array.shape)[1], ir.Constant(group.type, LANES))
+
+    def row(k):
+        place = builder.add(builder.mul(groups, ir.Constant(group.type, k)), group)
+        return _pointer(context, builder, kind, work, _F32, place)
+
+    return row
