@@ -14,6 +14,7 @@ PILOT = 4.0  # how much more one full hit is worth than the pilot's
 EXPONENT = 0.8  # hits ∝ (expected relative error)^EXPONENT: below Neyman's 1, as errors fall faster than N^-1/2
 PRIOR = 0.015  # doubt about a cell that looked decided: share of the light that the pilots may have missed
 HIT_COST = 8.0  # cost of a camera hit in shadow rays
+SMOOTH = 0.3  # where nothing is in the way, light samples vary smoothly: nets leave less of their noise than a ray suggests
 MAX_LOG_RAYS = 3  # at most 8 shadow rays a hit
 
 
@@ -89,14 +90,16 @@ def decide(pilot, frame, classifier: str, grid: int, named: bool, refinement: bo
     # Noise from inside the pixel (edges, textures) shows as differences between neighbours
     b, e = mi.luminance(pilot.bright), mi.luminance(pilot.emission)
     one = mi.Float(dr.full(mi.Float, 1, frame.pixels))
-    sums = cells.neighbor_sum([b, b * b, e, e * e, b * e, one], frame.width, frame.height)
-    count = dr.maximum(sums[5], 1)
-    b1, b2, e1, e2, be = (s / count for s in sums[:5])
+    sums = cells.neighbor_sum([b, b * b, e, e * e, b * e, pilot.noise + 0 * b, one], frame.width, frame.height)
+    count = dr.maximum(sums[6], 1)
+    b1, b2, e1, e2, be, noise = (s / count for s in sums[:6])
     # Neighbours' light is scaled by this pixel's guess: theirs would carry this pixel's own rays back to it
     level = b1 * mean + e1
-    camera = mean * mean * (b2 - b1 * b1) + (e2 - e1 * e1) + 2 * mean * (be - b1 * e1)
+    # What the light samples inside a hit add to those differences is noise that more rays a hit reduce
+    inside = b2 - b1 * b1 - noise / float(pilot.rays)
+    camera = mean * mean * inside + (e2 - e1 * e1) + 2 * mean * (be - b1 * e1)
     camera = dr.maximum(camera, 0)
-    light = dr.square(b1 * spread)
+    light = dr.square(b1 * spread) + mean * mean * noise * dr.select(mean >= 1, SMOOTH, 1)
     # As many shadow rays a hit as balance the two, given what a hit and a ray cost
     balance = dr.sqrt(HIT_COST * light / dr.maximum(camera, 1e-12 + 1e-6 * level * level))
     rays = mi.UInt32(1) << mi.UInt32(dr.clip(dr.round(dr.log2(dr.maximum(balance, 1))), 0, MAX_LOG_RAYS))

@@ -23,6 +23,8 @@ class Pilot:
     value: object  # mi.Color3f, light reflected
     control: object  # mi.Color3f, closed form minus its own sample mean: times the guess, added to value
     bright: object  # mi.Color3f, light reflected were nothing in the way
+    noise: object  # mi.Float, variance of `bright` from the light samples alone, were there one of them
+    rays: int  # light samples a hit
     emission: object  # mi.Color3f, light straight from emitters
     alpha: object  # mi.Float
     position: object  # mi.Point2f, film position
@@ -115,7 +117,7 @@ def pilot(shading: Shading, frame: Frame, seed, rays: int) -> Pilot:
 
     seen, tried = cells.empty(16), cells.empty(16)
     light_seen, light_tried = cells.empty(16), cells.empty(16)
-    lit_sum, all_sum, traced = mi.Spectrum(0), mi.Spectrum(0), mi.UInt32(0)
+    lit_sum, all_sum, squares, traced = mi.Spectrum(0), mi.Spectrum(0), mi.Float(0), mi.UInt32(0)
     r, before, weight_l = mi.UInt32(0), mi.Float(0), mi.Float(0)
     if dr.hint(several, mode="scalar"):
         weight_l = surface.importance(l)
@@ -140,16 +142,21 @@ def pilot(shading: Shading, frame: Frame, seed, rays: int) -> Pilot:
             if dr.hint(several, mode="scalar"):
                 light_tried, light_seen = cells.count(light_tried, l, useful), cells.count(light_seen, l, lit)
             all_sum += rho
+            squares += dr.square(mi.luminance(to_rgb(rho * weight, ray.wavelengths)))
             lit_sum += dr.select(lit, rho, 0)
             traced += dr.select(useful, mi.UInt32(1), mi.UInt32(0))
             r += 1
     scale = mi.Float(1) / mi.Float(count)
     all_sum, lit_sum = all_sum * scale, lit_sum * scale
-    control, bright = mi.Spectrum(0), mi.Spectrum(all_sum)
+    control, bright, noise = mi.Spectrum(0), mi.Spectrum(all_sum), mi.Float(0)
     if dr.hint(shading.closed, mode="scalar"):
         light = surface.rectangle()
         bright = light.radiance * light.unshadowed()
         control = bright - all_sum
+    elif dr.hint(rays > 1, mode="scalar"):
+        # How much light samples differ inside one hit; a closed form has no such noise
+        noise = squares * scale - dr.square(mi.luminance(to_rgb(all_sum * weight, ray.wavelengths)))
+        noise = dr.maximum(noise, 0) * mi.Float(rays / (rays - 1))
     reflected = mi.UInt32(0)
     if dr.hint(lights.count > 0 and not shading.lambert, mode="scalar"):
         extra, reflected = _reflected(shading, surface, s, keys, count, lambda l: mi.Float(1), total)
@@ -163,6 +170,8 @@ def pilot(shading: Shading, frame: Frame, seed, rays: int) -> Pilot:
         to_rgb(lit_sum * weight, lam),
         to_rgb(control * weight, lam),
         to_rgb(bright * weight, lam),
+        noise,
+        rays,
         to_rgb(emission * weight, lam),
         dr.select(hit, mi.Float(1), mi.Float(0)),
         position,
@@ -203,9 +212,6 @@ def spend(shading: Shading, frame: Frame, seed, index, s, decision, refine: bool
     """
     keys = scramble(index, seed, 1)
     mean = dr.gather(mi.Float, decision.mean, index)
-    if dr.hint(not shading.closed, mode="scalar"):
-        # Without a closed form the control pays only where it is likely to be exact
-        mean = dr.select(mean >= 1, mi.Float(1), mi.Float(0))
     rays = dr.gather(mi.UInt32, decision.rays, index)
     guess, mask = mi.UInt64(0), mi.UInt32(0)
     if dr.hint(refine, mode="scalar"):
@@ -222,7 +228,7 @@ def spend(shading: Shading, frame: Frame, seed, index, s, decision, refine: bool
     elif dr.hint(shading.closed, mode="scalar"):
         value, full, traced = rectangle_light(surface, guess, mask, mean, rays, s, keys[8], keys[9], refine)
     elif dr.hint(shading.lights.count == 1, mode="scalar"):
-        value, full, traced = single_light(surface, guess, mask, mean, rays, s, keys[8], keys[9], refine)
+        value, full, traced = single_light(surface, guess, mask, rays, s, keys[8], keys[9], refine)
     else:
         value, full, traced, total = several_lights(surface, trust, rays, s, [keys[8], keys[9]])
     reflected = mi.UInt32(0)

@@ -188,7 +188,8 @@ class Rectangle:
 def rectangle_light(surface: Surface, guess, mask, mean, rays, s, s0, s1, refine):
     """Estimate a rectangle light at a Lambertian hit, around its closed form; arguments as in `single_light`.
 
-    The control is ``g_c ρ``: its mean part is known exactly from the closed form, the rest is summed over the cells.
+    ``mean`` is the mean guess over the light. The control is ``g_c ρ``: its mean part is known exactly from the closed
+    form, the rest is summed over the cells.
     """
     light = surface.rectangle()
     full, traced = light.unshadowed(), mi.UInt32(0)
@@ -219,7 +220,7 @@ def rectangle_light(surface: Surface, guess, mask, mean, rays, s, s0, s1, refine
 
 
 @dr.syntax
-def single_light(surface: Surface, guess, mask, mean, rays, s, s0, s1, refine):
+def single_light(surface: Surface, guess, mask, rays, s, s0, s1, refine):
     """Estimate one light's contribution at a hit.
 
     Parameters
@@ -229,8 +230,6 @@ def single_light(surface: Surface, guess, mask, mean, rays, s, s0, s1, refine):
         Packed visibility guess of the 16 cells; ignored unless ``refine``.
     mask : mi.UInt32
         Undecided cells.
-    mean : mi.Float
-        Mean guess over the light; 0 for plain sampling.
     rays : mi.UInt32
         Shadow rays to trace.
     s : mi.UInt32
@@ -251,24 +250,22 @@ def single_light(surface: Surface, guess, mask, mean, rays, s, s0, s1, refine):
     value, bright, traced = mi.Spectrum(0), mi.Spectrum(0), mi.UInt32(0)
     active = mi.Bool(surface.active)
 
-    # What the guess is worth: one jittered point a cell, no rays
-    jitter = net_2d(s, s1, s0)
-    c, stop = mi.UInt32(0), dr.select(active & (refine | (mean > 0)), mi.UInt32(16), mi.UInt32(0))
-    while c < stop:
-        v = mi.Point2f((mi.Float(c & 3) + jitter.x) * 0.25, (mi.Float(c >> 2) + jitter.y) * 0.25)
-        ds, weight = surface.emitter_sample(emitter, v, active)
-        rho, useful = surface.integrand(ds, weight, mi.Float(1), active)
-        g = mi.Float(mean)
-        if dr.hint(refine, mode="scalar"):
-            g = cells.fraction(guess, c)
-        value += rho * (g * mi.Float(1 / 16))
-        c += 1
+    # What the cells' guesses are worth: one jittered point a cell, no rays
+    if dr.hint(refine, mode="scalar"):
+        jitter = net_2d(s, s1, s0)
+        c, stop = mi.UInt32(0), dr.select(active, mi.UInt32(16), mi.UInt32(0))
+        while c < stop:
+            v = mi.Point2f((mi.Float(c & 3) + jitter.x) * 0.25, (mi.Float(c >> 2) + jitter.y) * 0.25)
+            ds, weight = surface.emitter_sample(emitter, v, active)
+            rho, useful = surface.integrand(ds, weight, mi.Float(1), active)
+            value += rho * (cells.fraction(guess, c) * mi.Float(1 / 16))
+            c += 1
 
     # Rays correct the guess
     r, acc = mi.UInt32(0), mi.Spectrum(0)
     while r < rays:
         u = net_2d(s * rays + r, s0, s1)
-        density, g = mi.Float(1), mi.Float(mean)
+        density, g = mi.Float(1), mi.Float(0)
         if dr.hint(refine, mode="scalar"):
             cell, u, density = cells.sample(mask, u, mi.Float(FLOOR))
             g = cells.fraction(guess, cell)

@@ -52,6 +52,7 @@ def test_a_pixel_does_not_decide_from_its_own_pilot(variant_llvm, name, part):
     pilot.tried = [dr.select(here, mi.UInt64(0x0404040404040404), w) for w in pilot.tried]
     for field in ("value", "control", "bright", "emission"):
         setattr(pilot, field, dr.select(here, mi.Color3f(0.5), getattr(pilot, field)))
+    pilot.noise = dr.select(here, mi.Float(0.5), pilot.noise)
     after = decision_of(pilot, frame)[part]
 
     # The change did reach the neighbours, so the test can fail
