@@ -63,7 +63,7 @@ def main() -> None:
     gathered = part.irradiance(30.0, (*SUN, 0.0), 0.4, bounces=2)[..., 0]
     top = np.percentile(traced, 99.5)
     difference = np.abs(gathered - traced) / traced.mean()
-    rows = [grey(0.8 * gathered / top), grey(0.8 * traced / top), heat(np.clip(difference / 0.02, 0, 1))]
+    rows = [grey(0.8 * gathered / top), grey(0.8 * traced / top), heat(np.clip(difference / 0.005, 0, 1))]
     big = [np.kron(p, np.ones((2, 2, 1))) for p in rows]
     save("error.png", beside(big))
     rms = np.sqrt(np.mean((gathered - traced) ** 2) / np.mean(traced**2))
