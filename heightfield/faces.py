@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numba as nb
 import numpy as np
 
 from . import march
@@ -152,15 +153,28 @@ def ray(d: Direction, columns: int, s: int, y: float = 0.0, x: float = 0.0, side
     ``side`` says on which side to look where the ray runs along an edge.
     """
     offset, weight, distance = march.crossings(d.slope, d.diagonal, s * columns, s * y, s * x)
-    ends = [(offset[:, 0] % s) * s + offset[:, 1] % s, *(offset[:, :2] // s).T]
-    ends += [(offset[:, 2] % s) * s + offset[:, 3] % s, *(offset[:, 2:] // s).T]
-    middle = (distance + np.concatenate([[0.0], distance[:-1]])) / 2
-    v, u = s * y + d.slope * middle + side * ASIDE * along_edge(d, s * y, s * x), s * x + middle
-    r, c = np.floor(v).astype(int), np.floor(u).astype(int)
-    v, u = v - r, u - c
-    # Back in the cell as it lies north up
-    v, u = (1 - v if d.flip_rows else v), (1 - u if d.flip_columns else u)
-    v, u = (u, v) if d.transpose else (v, u)
-    kind = np.where(v > u, 0, 1)
-    triangles = np.stack([kind * s * s + (r % s) * s + c % s, r // s, c // s], -1)
-    return Ray(np.stack(ends, -1).astype(np.int32), weight, distance / s, triangles.astype(np.int32))
+    aside = side * ASIDE * along_edge(d, s * y, s * x)
+    edges, triangles = _followed(offset, distance, d.slope, s, s * y + aside, s * x, d.flip_rows, d.flip_columns, d.transpose)
+    return Ray(edges, weight, distance / s, triangles)
+
+
+@nb.njit(cache=True)
+def _followed(offset, distance, slope, s, y, x, flip_rows, flip_columns, transpose):
+    # Edges dealt out to planes, and the triangle before each
+    edges, triangles = np.empty((len(offset), 6), np.int32), np.empty((len(offset), 3), np.int32)
+    before = 0.0
+    for n in range(len(offset)):
+        for end in range(2):
+            r, c = offset[n, 2 * end], offset[n, 2 * end + 1]
+            edges[n, 3 * end], edges[n, 3 * end + 1], edges[n, 3 * end + 2] = (r % s) * s + c % s, r // s, c // s
+        middle = (before + distance[n]) / 2
+        before = distance[n]
+        v, u = y + slope * middle, x + middle
+        r, c = int(np.floor(v)), int(np.floor(u))
+        v, u = v - r, u - c
+        # Back in the cell as it lies north up
+        v, u = (1 - v if flip_rows else v), (1 - u if flip_columns else u)
+        v, u = (u, v) if transpose else (v, u)
+        kind = 0 if v > u else 1
+        triangles[n, 0], triangles[n, 1], triangles[n, 2] = (kind * s + r % s) * s + c % s, r // s, c // s
+    return edges, triangles
