@@ -27,8 +27,11 @@ def _random_2d(i, s0, s1):
     return mi.Point2f(_random_1d(i, s0), _random_1d(i, s1))
 
 
+POINTS = (("net_1d", _random_1d), ("net_2d", _random_2d), ("net_high", _random_2d))
+
+
 def _random_points():
-    swaps = [(m, n, f) for m in (camera, shading, passes) for n, f in (("net_1d", _random_1d), ("net_2d", _random_2d))]
+    swaps = [(m, n, f) for m in (camera, shading, passes) for n, f in POINTS]
     return [patch.object(m, n, f) for m, n, f in swaps if hasattr(m, n)]
 
 

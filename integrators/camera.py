@@ -5,7 +5,7 @@ from __future__ import annotations
 import drjit as dr
 import mitsuba as mi
 
-from .points import net_1d, net_2d, seeds, shuffle
+from .points import net_1d, net_2d, net_high, seeds, shuffle
 
 
 class Frame:
@@ -48,7 +48,8 @@ class Frame:
         position : mi.Point2f
             Film position, in pixels.
         """
-        position = corner + net_2d(shuffle(s, scramble[0]), scramble[1], scramble[2])
+        # Light samples take the first two dimensions: places in the pixel and on the light are spread together
+        position = corner + net_high(s, scramble[1], scramble[2])
         scaled = (position - mi.Vector2f(self.offset)) / mi.Vector2f(self.crop)
         lens, time, wavelength = mi.Point2f(0.5), mi.Float(self.sensor.shutter_open()), mi.Float(0)
         if self.lens:

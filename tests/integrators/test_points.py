@@ -42,14 +42,41 @@ def test_one_dimension_is_stratified_and_shuffles_permute_blocks(s, m):
     assert sorted(order - order.min()) == list(range(n)) and order.min() % n == 0
 
 
-def test_scrambled_points_are_uniform_over_seeds():
+@RELAXED
+@given(st.tuples(WORD, WORD, WORD, WORD), st.integers(0, 3), st.integers(0, 500))
+def test_pixel_and_light_are_spread_together(s, k, block):
+    """64 places in a pixel with 2^k light samples each: the 2×2×2×2 boxes of pixel × light hold equally many."""
+    from intervis.integrators.points import net_2d, net_high
+
+    s = [mi.UInt32(x) for x in s]
+    i = dr.arange(mi.UInt32, 64 << k) + block * (64 << k)
+    place, light = np.array(net_high(i >> k, s[0], s[1])), np.array(net_2d(i, s[2], s[3]))
+    box = sum((x * 2).astype(int) << n for n, x in enumerate([*place, *light]))
+    assert set(np.bincount(box, minlength=16)) == {4 << k}
+    # The places alone: each axis in 64 strata, the square in 16
+    assert all(len(set((x[:: 1 << k] * 64).astype(int))) == 64 for x in place)
+    square = (place[0, :: 1 << k] * 4).astype(int) * 4 + (place[1, :: 1 << k] * 4).astype(int)
+    assert set(np.bincount(square, minlength=16)) == {4}
+
+
+def test_points_past_the_table_are_new_ones():
+    from intervis.integrators.points import INDEX_BITS, net_high
+
+    i = dr.arange(mi.UInt32, 256)
+    a, b = (np.array(net_high(i + x, mi.UInt32(1), mi.UInt32(2))) for x in (0, 1 << INDEX_BITS))
+    assert (a != b).any(axis=0).mean() > 0.9
+
+
+@pytest.mark.parametrize("net", ["net_2d", "net_high"])
+def test_scrambled_points_are_uniform_over_seeds(net):
     """Mean, variance and covariance of one point of the net over 2^16 scramblings."""
-    from intervis.integrators.points import net_2d, seeds
+    from intervis.integrators import points
+    from intervis.integrators.points import seeds
 
     n = 2**16
     for number in (0, 5):
         s = seeds(dr.arange(mi.UInt32, n), mi.UInt32(7), 2)
-        x, y = np.array(net_2d(mi.UInt32(number), *s), dtype=np.float64)
+        x, y = np.array(getattr(points, net)(mi.UInt32(number), *s), dtype=np.float64)
         for u in (x, y):
             assert abs(u.mean() - 0.5) < 4.5 * np.sqrt(1 / 12 / n)
             assert abs(u.var() - 1 / 12) < 4.5 * np.sqrt(1 / 180 / n)
