@@ -14,7 +14,8 @@ from ..errors import InputError
 from ..report import Report
 from . import hull, intervisibility, light, march, surface, transport
 from . import points as rays
-from .check import choice, grid, number, reals, spacing_of
+from .check import choice, grid, number, reals, shown, spacing_of, watcher
+from .sources import path_of
 from .sweep import azimuths_of, direction, packed
 
 EARTH = 6_371_000.0  # m
@@ -74,7 +75,7 @@ class HeightField:
         if nodata is not None:
             unknown = reals("nodata", nodata)
             if unknown.ndim:
-                raise InputError(f"'nodata' must be one height (got {nodata!r})")
+                raise InputError(f"'nodata' must be one height (got {shown(nodata)})")
             self.valid &= values != unknown
         if not self.valid.any():
             raise InputError("'heights' must have at least one known height (got none: all are nodata or not finite)")
@@ -99,10 +100,15 @@ class HeightField:
         Returns
         -------
         HeightField
+
+        Raises
+        ------
+        InputError
+            If the file cannot be read, is no height map, or an option cannot be used.
         """
         from .sources import read
 
-        heights, found, georeference = read(Path(path))
+        heights, found, georeference = read(path_of("path", path))
         field = cls(heights, **{**found, **options})
         field.georeference = georeference
         return field
@@ -133,6 +139,7 @@ class HeightField:
         """
         k = azimuths_of(azimuths)
         if points is not None:
+            choice("method", method, METHODS)
             return self._at_points(points, k)[0].astype(np.float32)
         out = np.empty((len(k), *self.heights.shape), dtype=np.float32)
         with self._reported(len(k)):
@@ -159,6 +166,7 @@ class HeightField:
             In [0, 1].
         """
         choice("weighting", weighting, ("cosine", "solid_angle"))
+        choice("method", method, METHODS)
         k = azimuths_of(azimuths)
         n = surface.normals(self.heights, self.spacing, self.valid)
         if points is not None:
@@ -194,9 +202,8 @@ class HeightField:
         (rows, columns) float32 array
             1 in full sun, 0 in shadow. The horizon is taken as level over the width of the disk.
         """
-        number("azimuth", azimuth)
-        number("elevation", elevation, -np.pi / 2, np.pi / 2)
-        number("radius", radius, 0.0, np.pi / 2)
+        azimuth, elevation = number("azimuth", azimuth), number("elevation", elevation, -np.pi / 2, np.pi / 2)
+        radius = number("radius", radius, 0.0, np.pi / 2)
         with self._reported(1):
             (t,) = self._tangents(np.array([azimuth]), method)
         out = light.disk_share(np.arctan(t.astype(np.float64)), elevation, radius).astype(np.float32)
@@ -231,9 +238,8 @@ class HeightField:
         runs closer to north). A sample is seen if its slope exceeds that of everything nearer; equal slopes are not seen.
         ``report.skipped`` says how many samples were not looked at that the naive method looks at.
         """
-        number("azimuth", azimuth)
         choice("method", method, METHODS)
-        d = direction(azimuth, self.spacing)
+        d = direction(number("azimuth", azimuth), self.spacing)
         with self._reported(1):
             *found, looked, naive = intervisibility.local_horizons(d, self._turned, self.curve, self._reach(d), method)
         self.report.skipped["samples"] = max(naive - looked, 0)
@@ -295,14 +301,11 @@ class HeightField:
             W/m²; NaN at unknown points.
         """
         choice("method", method, METHODS)
-        number("bounces", bounces, 0, whole=True)
-        number("tolerance", tolerance, 0, 1)
-        number("supersampling", supersampling, 1, 16, whole=True)
-        k = azimuths_of(azimuths)
+        bounces, tolerance = int(number("bounces", bounces, 0, 1000, whole=True)), number("tolerance", tolerance, 0, 1)
+        s = int(number("supersampling", supersampling, 1, 16, whole=True))
+        k, progress = azimuths_of(azimuths), watcher(progress)
         with self._reported(len(k)):
-            e = transport.irradiance(
-                self, sky, sun, lamps, albedo, emission, bounces, k, tolerance, int(supersampling), method, progress
-            )
+            e = transport.irradiance(self, sky, sun, lamps, albedo, emission, bounces, k, tolerance, s, method, progress)
         out = np.ascontiguousarray(np.moveaxis(e, 0, -1))
         out[~self.valid] = np.nan
         return out
@@ -331,10 +334,13 @@ class HeightField:
         vertices, triangles = surface.mesh(self.heights - self.centre, self.spacing, self.valid)
         if not len(triangles):
             raise InputError("'heights' must span a triangle: at least 2 rows and 2 columns of known points")
+        if bsdf is not None and not isinstance(bsdf, dict) and not hasattr(bsdf, "eval_pdf"):
+            raise InputError(f"'bsdf' must be a dict or a Mitsuba BSDF (got {shown(bsdf)})")
         if path is None:
             folder = tempfile.mkdtemp(prefix="intervis-")
             atexit.register(shutil.rmtree, folder, ignore_errors=True)
             path = Path(folder) / "heightfield.ply"
+        path = path_of("path", path)
         n = np.moveaxis(surface.normals(self.heights, self.spacing, self.valid), 0, -1).reshape(-1, 3)
         surface.write_ply(path, vertices, n, triangles)
         shape = {"type": "ply", "filename": str(path), "face_normals": not smooth}
@@ -357,6 +363,7 @@ class HeightField:
     def _tangents(self, azimuths, method, progress=None):
         # Tangents of the horizons, a direction at a time; the same direction twice is looked at once
         choice("method", method, METHODS)
+        watcher(progress)
         before, way, turned = (None, None), None, None
         for n, azimuth in enumerate(azimuths):
             if azimuth != before[0]:

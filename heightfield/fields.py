@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..errors import InputError
-from .check import number
+from .check import choice, number
 
 
 def _grid(size):
@@ -89,9 +89,9 @@ def make(name: str, size: int = 256, seed: int = 0) -> np.ndarray:
     (size, size) float64 array
         Metres, for samples 1 m apart.
     """
-    if name not in FIELDS:
-        raise InputError(f"'name' must be one of {', '.join(FIELDS)} (got {name!r})")
-    return FIELDS[name](int(number("size", size, 1, whole=True)), seed)
+    choice("name", name, FIELDS)
+    size, seed = number("size", size, 1, 1 << 20, whole=True), number("seed", seed, 0, 1 << 53, whole=True)
+    return FIELDS[name](int(size), int(seed))
 
 
 def example() -> tuple[np.ndarray, tuple[float, float]]:

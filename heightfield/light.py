@@ -5,9 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from ..errors import InputError
-from .check import number, reals
+from .check import listed, number, reals, shown
 
 SUN_RADIUS = np.radians(0.2666)  # mean angular radius of the sun
+BRIGHTEST = 1e30  # W/m²: light is float32
 ROWS = 2048  # elevations at which a sky is sampled, as many as `gather` tabulates
 
 
@@ -35,16 +36,23 @@ def disk_share(horizon: np.ndarray, elevation: float, radius: float) -> np.ndarr
 
 def channels_of(sky, sun, *values) -> int:
     """Return how many channels the lights and the surface have; 1 and one other number may be mixed."""
-    if sun is not None and (isinstance(sun, str) or not hasattr(sun, "__len__") or len(sun) not in (3, 4)):
-        raise InputError(f"'sun' must be (azimuth, elevation, irradiance) or with a radius after that (got {sun!r})")
+    if sun is not None and (not listed(sun) or len(sun) not in (3, 4)):
+        raise InputError(f"'sun' must be (azimuth, elevation, irradiance) or with a radius after that (got {shown(sun)})")
+    if sun is not None:
+        strength = reals("sun irradiance", sun[2])
+        if strength.ndim > 1 or not strength.size:
+            raise InputError(f"'sun irradiance' must be a number, or one a channel (got {shown(sun[2])})")
+        positive("sun irradiance", strength)
     found = {1}
     for v in (*values, sky, sun[2] if sun is not None else 1.0):
         if callable(v):
             found.add(_called(v, np.zeros(1), np.ones(1)).shape[-1])
-        elif not np.size(v):
-            raise InputError(f"'sky', 'sun', 'albedo' and 'emission' must not be empty (got shape {np.shape(v)})")
-        elif np.ndim(v) in (1, 3):
-            found.add(np.shape(v)[-1])
+        else:
+            shape = reals("sky', 'sun', 'albedo' and 'emission", v).shape
+            if 0 in shape:
+                raise InputError(f"'sky', 'sun', 'albedo' and 'emission' must not be empty (got shape {shape})")
+            if len(shape) in (1, 3):
+                found.add(shape[-1])
     found.discard(1)
     if len(found) > 1:
         raise InputError(
@@ -55,45 +63,51 @@ def channels_of(sky, sun, *values) -> int:
 
 def image(name: str, value, shape: tuple[int, int], channels: int) -> np.ndarray:
     """Return a constant, a spectrum or an image as a (channels, rows, columns) float32 array of finite values."""
-    v = np.asarray(value)
-    if v.dtype.kind not in "fiub":
-        raise InputError(f"'{name}' must hold real numbers (got {type(value).__name__})")
+    v = reals(name, value)
     if v.ndim == 2 and v.shape == shape:
         v = v[..., None]
     if v.ndim not in (0, 1, 3) or (v.ndim == 3 and v.shape[:2] != shape):
         raise InputError(
             f"'{name}' must be a number, one a channel, or an image of {shape[0]} × {shape[1]} (got shape {v.shape})"
         )
-    out = np.array(np.moveaxis(np.broadcast_to(v, (*shape, channels)), -1, 0), dtype=np.float32)
-    if not np.isfinite(out).all() or out.min() < 0:
-        raise InputError(f"'{name}' must be finite and >= 0 (got {out.min():g} at least)")
-    return out
+    positive(name, v)
+    return np.array(np.moveaxis(np.broadcast_to(v, (*shape, channels)), -1, 0), dtype=np.float32)
+
+
+def positive(name: str, values: np.ndarray) -> None:
+    """Check that light, or what reflects it, is not negative and has room in float32."""
+    low, high = values.min(), values.max()
+    if not (low >= 0 and high <= BRIGHTEST):
+        raise InputError(f"'{name}' must be finite, >= 0 and <= {BRIGHTEST:g} (got {low:g} to {high:g})")
 
 
 def sky_columns(sky, azimuths: np.ndarray, channels: int) -> list[np.ndarray]:
     """Return the sky's radiance over elevation for each azimuth, as `gather.sky_table` takes it."""
     e = np.linspace(-np.pi / 2, np.pi / 2, ROWS)
+    if not callable(sky):
+        sky = reals("sky", sky)
     if callable(sky):
         columns = [_called(sky, np.full(ROWS, az), e) for az in azimuths]
     elif np.ndim(sky) == 3:
-        columns = _map_columns(reals("sky", sky), azimuths, e)
+        positive("sky", sky)
+        columns = _map_columns(sky, azimuths, e)
     elif np.ndim(sky) <= 1:
-        columns = [reals("sky", sky).reshape(1, -1)] * len(azimuths)
+        columns = [sky.reshape(1, -1)] * len(azimuths)
     else:
-        raise InputError(
-            f"'sky' must be a number, one a channel, a function or an environment map (got shape {np.shape(sky)})"
-        )
+        raise InputError(f"'sky' must be a number, one a channel, a function or an environment map (got shape {sky.shape})")
     for c in columns:
         if c.shape[-1] not in (1, channels):
             raise InputError(f"'sky' must have 1 or {channels} channels (got {c.shape[-1]})")
-        if not np.isfinite(c).all() or c.min() < 0:
-            raise InputError(f"'sky' must be finite and >= 0 (got {c.min():g} at least)")
+        positive("sky", c)
     return [np.broadcast_to(c, (len(c), channels)) for c in columns]
 
 
 def _called(sky, azimuths, elevations):
     # Radiance that a function gives, (directions, channels)
-    value = reals("sky", sky(azimuths, elevations))
+    try:
+        value = reals("sky", sky(azimuths, elevations))
+    except TypeError as e:
+        raise InputError(f"'sky' as a function must take arrays of azimuths and elevations: {e}") from e
     if value.ndim == 0 or value.shape[0] != len(azimuths):
         raise InputError(f"'sky' must return a row for each of {len(azimuths)} directions (got shape {value.shape})")
     return value.reshape(len(azimuths), -1)

@@ -10,7 +10,7 @@ import numba as nb
 import numpy as np
 
 from ..errors import InputError
-from .check import number, reals
+from .check import UNKNOWN, listed, number, reals, shown
 
 
 @nb.njit(cache=True)
@@ -111,11 +111,11 @@ def _lit(heights, places, x0, y0, z0, dy, dx, curve, out):
 
 def positions(points, shape: tuple[int, int]) -> np.ndarray:
     """Return receivers as an (n, 2) float64 array of fractional rows and columns, from that or from a mask of the grid."""
-    if np.asarray(points).dtype == bool:
+    found = reals("points", points)
+    if np.asarray(points).dtype.kind == "b":
         if np.shape(points) != shape:
             raise InputError(f"'points' as a mask must be {shape[0]} × {shape[1]} (got shape {np.shape(points)})")
         return np.argwhere(points).astype(np.float64)
-    found = reals("points", points)
     if found.ndim != 2 or found.shape[1] != 2:
         raise InputError(f"'points' must be a mask, or rows and columns of shape (n, 2) (got shape {found.shape})")
     if not ((found >= 0) & (found <= np.array(shape) - 1.0)).all():
@@ -218,13 +218,14 @@ def lamplight(heights, spacing, lamps, places, n: np.ndarray, channels: int, cur
 def lamps_of(lamps, channels: int) -> list[tuple]:
     """Return point lights checked: a list of (x, y, z, (channels,) intensity)."""
     out = []
+    if not listed(lamps):
+        raise InputError(f"'lamps' must be a list of (x, y, z, intensity) (got {shown(lamps)})")
     for lamp in lamps:
-        if isinstance(lamp, str) or not hasattr(lamp, "__len__") or len(lamp) != 4:
-            raise InputError(f"'lamps' must be a list of (x, y, z, intensity) (got {lamp!r})")
+        if not listed(lamp) or len(lamp) != 4:
+            raise InputError(f"'lamps' must be a list of (x, y, z, intensity) (got {shown(lamp)})")
         intensity = reals("lamps intensity", lamp[3]).ravel()
-        if len(intensity) not in (1, channels) or not np.isfinite(intensity).all() or intensity.min() < 0:
-            raise InputError(f"'lamps' intensity must be finite, >= 0, one number or {channels} (got {lamp[3]!r})")
-        out.append(
-            (*(number(f"lamps {c}", v) for c, v in zip("xyz", lamp, strict=False)), np.broadcast_to(intensity, channels))
-        )
+        if len(intensity) not in (1, channels) or not ((intensity >= 0) & (intensity <= 1e30)).all():
+            raise InputError(f"'lamps' intensity must be finite, >= 0, one number or {channels} (got {shown(lamp[3])})")
+        place = (number(f"lamps {c}", v, -UNKNOWN, UNKNOWN) for c, v in zip("xyz", lamp, strict=False))
+        out.append((*place, np.broadcast_to(intensity, channels)))
     return out

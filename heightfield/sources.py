@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import os
 import warnings
 from pathlib import Path
 
 import numpy as np
 
 from ..errors import InputError
+from .check import shown
 
 KINDS = (".tif", ".tiff", ".npz", ".npy", ".exr", ".png")
 FEET = {"ft": 0.3048, "foot": 0.3048, "feet": 0.3048, "us survey foot": 1200 / 3937, "us-ft": 1200 / 3937}
@@ -48,6 +50,17 @@ def read(path: Path):
     except Exception as e:
         first = (str(e).splitlines() or [type(e).__name__])[0]
         raise InputError(f"'{path}' cannot be read as a height map: {first}") from e
+
+
+def path_of(name: str, value) -> Path:
+    """Return what names a file as a path."""
+    try:
+        path = Path(os.fsdecode(value))
+    except TypeError:
+        path = Path()
+    if not path.name:
+        raise InputError(f"'{name}' must be the path of a file (got {shown(value)})")
+    return path
 
 
 def _present(path, what):

@@ -14,7 +14,7 @@ import numba as nb
 import numpy as np
 
 from ..errors import InputError
-from .check import number, reals
+from .check import number, reals, shown
 
 TILE = 8  # samples a side, copied together
 MOST = 1_000_000  # azimuths
@@ -106,11 +106,12 @@ def direction(azimuth: float, spacing: tuple[float, float]) -> Direction:
 def azimuths_of(azimuths, minimum: int = 1) -> np.ndarray:
     """Return azimuths in radians from a count (equally spaced, north first) or an array of them."""
     if isinstance(azimuths, (bool, str)) or azimuths is None:
-        raise InputError(f"'azimuths' must be a count or an array of radians (got {azimuths!r})")
-    if np.ndim(azimuths) == 0:
+        raise InputError(f"'azimuths' must be a count or an array of radians (got {shown(azimuths)})")
+    values = reals("azimuths", azimuths)
+    if values.ndim == 0:
         count = int(number("azimuths", azimuths, minimum, MOST, whole=True))
         return np.arange(count) * (2 * np.pi / count)
-    values = reals("azimuths", azimuths).ravel()
+    values = values.ravel()
     if not len(values) or not np.isfinite(values).all():
         raise InputError("'azimuths' must hold at least one azimuth, all finite, in radians clockwise from north")
     return values

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from ..errors import InputError
-from .check import number, spacing_of
+from .check import grid, number, spacing_of
 from .field import HeightField
 
 
@@ -51,18 +51,19 @@ def tiles(heights, spacing=1.0, *, radius: float, size: int = 2048, **options) -
     ...     out[window] = field.sky_view(72)[inner]
     """
     dy, dx = spacing_of(spacing)
-    number("radius", radius, 0.0, open_low=True)
-    number("size", size, 1, whole=True)
-    shape = np.shape(heights)
+    radius, size = number("radius", radius, 0.0, open_low=True), int(number("size", size, 1, whole=True))
+    if not hasattr(heights, "shape"):
+        heights = grid("heights", heights)
+    shape = heights.shape
     if len(shape) != 2 or 0 in shape:
         raise InputError(f"'heights' must be a two-dimensional array of rows and columns (got shape {shape})")
     # One sample more than the radius: rays cross cells, and normals take differences
     halo = int(np.ceil(radius / dy)) + 2, int(np.ceil(radius / dx)) + 2
-    for top in range(0, shape[0], int(size)):
-        for left in range(0, shape[1], int(size)):
+    for top in range(0, shape[0], size):
+        for left in range(0, shape[1], size):
             window, outer, inner = [], [], []
             for start, length, extra in zip((top, left), shape, halo, strict=True):
-                stop = min(start + int(size), length)
+                stop = min(start + size, length)
                 first = max(start - extra, 0)
                 window.append(slice(start, stop))
                 outer.append(slice(first, min(stop + extra, length)))
