@@ -157,6 +157,13 @@ def _heightfield(commands) -> None:
     p.add_argument("--sky", default="1", metavar="W|FILE.exr", help="radiance, W/(m² sr), or an environment map, up first")
     p.add_argument("--albedo", type=float, default=0.3, metavar="A", help="default: %(default)s")
     p.add_argument("--bounces", type=int, default=2, metavar="B", help="default: %(default)s")
+    p.add_argument(
+        "--supersampling",
+        type=int,
+        default=1,
+        metavar="S",
+        help=f"cells a cell is cut into, a side, as it sends light ({default})",
+    )
     p.add_argument("--preview", metavar="OUT.png", help="write a picture too")
     p.add_argument("--spacing", metavar="M|DY,DX", help="metres between samples (default: the file's, or 1)")
     p.add_argument("--size", type=int, default=256, metavar="N", help=f"samples a side of a built-in field ({default})")

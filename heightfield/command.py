@@ -18,18 +18,19 @@ from . import products as files
 from .check import choice, number
 from .field import HeightField
 from .fields import FIELDS, example, make
+from .light import BRIGHTEST
 from .sweep import azimuths_of
 
 PRODUCTS = ("irradiance", "skyview", "horizons", "shadow")
 MOST = 36_000  # azimuths
-BRIGHTEST = 1e30  # W/m²: products are float32
 
 
 def run(options, line: str) -> int:
     """Compute what the options ask for, write it, print the report; 0, or 130 if interrupted after some of it."""
     wanted = dict.fromkeys(choice("products", w.strip(), PRODUCTS) for w in options.products.split(","))
     number("azimuths", options.azimuths, 1, MOST, whole=True)
-    number("bounces", options.bounces, 0, whole=True)
+    number("bounces", options.bounces, 0, 1000, whole=True)
+    number("supersampling", options.supersampling, 1, 16, whole=True)
     number("albedo", options.albedo, 0, 1)
     sun, sky = _sun(options.sun), _sky(options.sky)
     if "shadow" in wanted and sun is None:
@@ -70,6 +71,7 @@ def _product(field, name, options, sun, sky, progress, report):
     # The product; horizons also after every direction, as far as they are
     if name == "irradiance":
         light = {"albedo": options.albedo, "bounces": options.bounces, "azimuths": options.azimuths}
+        light["supersampling"] = options.supersampling
         out = field.irradiance(sky, sun, **light, progress=progress)
     elif name == "skyview":
         out = field.sky_view(options.azimuths, progress=progress)

@@ -137,6 +137,15 @@ def test_options_of_the_field(here):
             np.testing.assert_array_equal(data["horizons"], HeightField(heights, **options).horizons(4))
 
 
+def test_supersampling(here):
+    field = dem(size=12)
+    assert run("dem.npz", *LIGHT, "--supersampling", 2, "-o", "out.npz") == 0
+    with np.load("out.npz") as data:
+        expected = field.irradiance(20.0, SUN, 0.4, bounces=1, azimuths=6, supersampling=2)
+        np.testing.assert_array_equal(data["irradiance"], expected)
+        assert (expected != field.irradiance(20.0, SUN, 0.4, bounces=1, azimuths=6)).any()
+
+
 def test_a_preview(here, capsys):
     import mitsuba as mi
 
@@ -176,7 +185,8 @@ REFUSED = [
     (("dem.npz", "--products", ""), "'products' must be one of"),
     (("dem.npz", "--products", "shadow"), "--sun"),
     *[(("dem.npz", "--azimuths", k), "azimuths") for k in ("0", "-3", "2.5", "many", "1000000000")],
-    *[(("dem.npz", "--bounces", b), "bounces") for b in ("-1", "0.5", "x")],
+    *[(("dem.npz", "--bounces", b), "bounces") for b in ("-1", "0.5", "x", "1001")],
+    *[(("dem.npz", "--supersampling", s), "supersampling") for s in ("0", "1.5", "17")],
     *[(("dem.npz", "--albedo", a), "albedo") for a in ("-0.1", "1.1", "nan", "grey")],
     *[
         (("dem.npz", "--sun", s), "sun")
