@@ -205,8 +205,7 @@ class HeightField:
         azimuth, elevation = number("azimuth", azimuth), number("elevation", elevation, -np.pi / 2, np.pi / 2)
         radius = number("radius", radius, 0.0, np.pi / 2)
         with self._reported(1):
-            (t,) = self._tangents(np.array([azimuth]), method)
-        out = light.disk_share(np.arctan(t.astype(np.float64)), elevation, radius).astype(np.float32)
+            out = self._lit(azimuth, elevation, radius, method).astype(np.float32)
         out[~self.valid] = np.nan
         return out
 
@@ -260,6 +259,7 @@ class HeightField:
         azimuths=64,
         *,
         lamps=None,
+        points=None,
         tolerance=0.0,
         supersampling=1,
         method="auto",
@@ -285,6 +285,8 @@ class HeightField:
             Directions over which light is gathered.
         lamps : list of (x, y, z, intensity), optional
             Point lights: metres east and north of the north-west sample, height in metres, and W/sr (number or (channels,)).
+        points : (n, 2) array or (rows, columns) bool array, optional
+            Receivers, as in `horizons`; the whole field is lit first, as far as it sends them light.
         tolerance : float
             Leave out of each bounce what surely adds no more than this share of π times the surface's greatest radiance;
             0 gathers everything.
@@ -297,17 +299,18 @@ class HeightField:
 
         Returns
         -------
-        (rows, columns, channels) float32 array
+        (rows, columns, channels) or (n, channels) float32 array
             W/m²; NaN at unknown points.
         """
         choice("method", method, METHODS)
         bounces, tolerance = int(number("bounces", bounces, 0, 1000, whole=True)), number("tolerance", tolerance, 0, 1)
         s = int(number("supersampling", supersampling, 1, 16, whole=True))
         k, progress = azimuths_of(azimuths), watcher(progress)
+        at = None if points is None else rays.positions(points, self.heights.shape)
         with self._reported(len(k)):
-            e = transport.irradiance(self, sky, sun, lamps, albedo, emission, bounces, k, tolerance, s, method, progress)
+            e = transport.irradiance(self, sky, sun, lamps, albedo, emission, bounces, k, tolerance, s, method, progress, at)
         out = np.ascontiguousarray(np.moveaxis(e, 0, -1))
-        out[~self.valid] = np.nan
+        out[~(self.valid if at is None else rays.interpolated(at, self.valid, None)[0])] = np.nan
         return out
 
     # --- The surface itself ----------------------------------------------------------------------------------------
@@ -350,6 +353,14 @@ class HeightField:
 
     def _reach(self, d):
         return None if self.radius is None else max(int(self.radius / d.step), 1)
+
+    def _lit(self, azimuth, elevation, radius, method, at=None):
+        # Share of the sun's disk that grid points see, or places on the surface
+        if at is None:
+            (t,) = self._tangents(np.array([azimuth]), method)
+        else:
+            (t,) = rays.tangents(self.heights, at, np.array([azimuth]), self.spacing, self.radius, self.curve)
+        return light.disk_share(np.arctan(t.astype(np.float64)), elevation, radius)
 
     def _at_points(self, points, azimuths, n=None):
         # Horizons in radians, (K, n), NaN beside unknown points; and normals interpolated to the points

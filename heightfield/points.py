@@ -27,8 +27,8 @@ def height_at(heights, y, x):
 
 
 @nb.njit(cache=True)
-def _next(position, speed):
-    # Time until a coordinate that moves at this speed meets the next whole number
+def next_crossing(position, speed):
+    """Return the time until a coordinate that moves at a speed meets the next whole number."""
     if speed > 1e-12:
         return (np.floor(position + 1e-9) + 1 - position) / speed
     if speed < -1e-12:
@@ -62,7 +62,7 @@ def steepest(heights, y, x, eye, south, east, limit, curve):
     rows, columns = heights.shape
     # Times of the next crossings with rows, columns and diagonals, and the times between two of each
     across = east - south
-    tr, tc, td = _next(y, south), _next(x, east), _next(x - y, across)
+    tr, tc, td = next_crossing(y, south), next_crossing(x, east), next_crossing(x - y, across)
     dr = 1 / abs(south) if abs(south) > 1e-12 else np.inf
     dc = 1 / abs(east) if abs(east) > 1e-12 else np.inf
     dd = 1 / abs(across) if abs(across) > 1e-12 else np.inf
@@ -151,6 +151,11 @@ def tangents(heights, points, azimuths, spacing, radius, curve) -> np.ndarray:
     south, east = -np.cos(azimuths) / spacing[0], np.sin(azimuths) / spacing[1]
     _horizons(heights, points, south, east, np.inf if radius is None else radius, curve, out)
     return out
+
+
+def standing(heights, points) -> np.ndarray:
+    """Return rows, columns and heights of points on the surface, (3, n), for (n, 2) fractional rows and columns."""
+    return np.stack([*points.T, np.array([height_at(heights, y, x) for y, x in points])])
 
 
 def interpolated(points, valid: np.ndarray, n: np.ndarray | None):

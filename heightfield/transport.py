@@ -9,14 +9,14 @@ from __future__ import annotations
 import numpy as np
 
 from ..errors import InputError
-from . import gather, light, points
+from . import gather, light, pointlight, points
 from .faces import faces_of, mean, places
 from .passes import Passes
 from .surface import normals
 
 
 def irradiance(
-    field, sky, sun, lamps, albedo, emission, bounces, azimuths, tolerance, supersampling, method, progress
+    field, sky, sun, lamps, albedo, emission, bounces, azimuths, tolerance, supersampling, method, progress, at=None
 ) -> np.ndarray:
     """Irradiance of every point of a field; parameters as `HeightField.irradiance` has them, checked but for the lights.
 
@@ -24,10 +24,12 @@ def irradiance(
     ----------
     azimuths : (K,) array
         Radians clockwise from north.
+    at : (n, 2) array, optional
+        Rows and columns of the receivers, fractional; the grid points by default.
 
     Returns
     -------
-    (channels, rows, columns) float32 array
+    (channels, rows, columns) or (channels, n) float32 array
     """
     parts = {"albedo": albedo, "emission": 0.0 if emission is None else emission}
     lamps = () if lamps is None else lamps
@@ -42,8 +44,8 @@ def irradiance(
     # A strip one sample wide has no triangles
     passes = (glows or bounces > 0) * (1 + (bounces > 0) + bounces - (not glows)) if min(field.heights.shape) > 1 else 0
     # The last gather finds the horizons too, unless it may stop before it has
-    apart = not passes or tolerance > 0 or method == "tree"
-    total, done = len(azimuths) * (passes + apart), 0
+    apart = at is None and (not passes or tolerance > 0 or method == "tree")
+    total, done = len(azimuths) * max(passes + apart, 1), 0
 
     def step():
         nonlocal done
@@ -51,8 +53,12 @@ def irradiance(
         if progress:
             progress(done, total)
 
-    # Direct light of the grid points
-    e = np.zeros((channels, *field.heights.shape), dtype=np.float32)
+    # Direct light of the receivers
+    if at is None:
+        own, spots = n, np.stack([*np.indices(field.heights.shape), field.heights])
+    else:
+        own, spots = points.interpolated(at, field.valid, n)[1], points.standing(field.heights, at)
+    e = np.zeros((channels, *own.shape[1:]), dtype=np.float32)
     # By marching, as the gather does: what the one calls sky the other must not call surface
     method = "march" if method == "auto" else method
     if apart:
@@ -64,12 +70,11 @@ def irradiance(
             gather.add_sky(floor, n[2], a, table, width, e)
             step()
     if sun is not None:
-        e += light.sunlight(sun, lambda az, el, r: field.shadow(az, el, radius=r, method=method), n, channels)
+        e += light.sunlight(sun, lambda az, el, r: field._lit(az, el, r, method, at), own, channels)
     if lamps:
-        grid = np.stack([*np.indices(field.heights.shape), field.heights])
-        e += points.lamplight(field.heights, field.spacing, lamps, grid, n, channels, field.curve)
+        e += points.lamplight(field.heights, field.spacing, lamps, spots, own, channels, field.curve)
     if not passes:
-        return e
+        return e if at is None else e + pointlight.arriving(field, spots, own, azimuths, tables, step=step)
 
     # Light of the triangles, a bounce at a time; what unknown points would send is left out
     s = supersampling
@@ -83,9 +88,11 @@ def irradiance(
         if sun is not None:
             direct += light.sunlight(sun, triangles.shadow, faces.normals, channels)
         if lamps:
-            at = places(field.heights, s)
-            direct += points.lamplight(field.heights, field.spacing, lamps, at, faces.normals, channels, field.curve)
+            centroids = places(field.heights, s)
+            direct += points.lamplight(field.heights, field.spacing, lamps, centroids, faces.normals, channels, field.curve)
     for b in range(int(bounces)):
         arriving = triangles.gathered(True, azimuths, radiance, step=step) if b or glows else 0
         radiance = glow + share * (direct + arriving)
+    if at is not None:
+        return e + pointlight.arriving(field, spots, own, azimuths, tables, radiance, s, step)
     return e + triangles.gathered(False, azimuths, radiance, None if apart else tables, step)

@@ -1,0 +1,116 @@
+"""Light that arrives at chosen points: single rays over the triangles, whose radiance is known.
+
+A ray runs over one triangle between two of its crossings with edges; what of it rises above all that came before adds its
+radiance times a difference of W, as in `gather`.
+"""
+
+from __future__ import annotations
+
+import numba as nb
+import numpy as np
+
+from . import gather
+from .points import height_at, next_crossing
+from .surface import refine
+
+ASIDE = 1e-6  # cells; a ray along an edge sees half of the triangles on either side
+
+
+@nb.njit(cache=True)
+def _weight(t, nz, a):
+    # W at the elevation whose tangent is t
+    c = 1 / (1 + t * t)
+    return 0.5 * (nz * t * t * c + a * (np.arctan(t) + t * c))
+
+
+@nb.njit(cache=True, parallel=True)
+def _gather(heights, places, nz, a, south, east, limit, curve, radiance, horizon, out):
+    # Add what the surface sends along one direction, per radian of azimuth, and raise the horizons
+    rows, columns = heights.shape
+    channels = len(radiance)
+    across = east - south
+    length = np.hypot(south, east)
+    dr = 1 / abs(south) if abs(south) > 1e-12 else np.inf
+    dc = 1 / abs(east) if abs(east) > 1e-12 else np.inf
+    dd = 1 / abs(across) if abs(across) > 1e-12 else np.inf
+    for p in nb.prange(len(places)):
+        y, x, eye = places[p]
+        tr, tc, td = next_crossing(y, south), next_crossing(x, east), next_crossing(x - y, across)
+        best, before = horizon[p], 0.0
+        seen = _weight(best, nz[p], a[p])
+        while True:
+            t = min(tr, tc, td)
+            if not t < limit:
+                break
+            row, column = y + t * south, x + t * east
+            if row < -1e-9 or column < -1e-9 or row > rows - 1 + 1e-9 or column > columns - 1 + 1e-9:
+                break
+            h = height_at(heights, min(max(row, 0.0), rows - 1.0), min(max(column, 0.0), columns - 1.0))
+            rise = (h - eye) / t - curve * t
+            if rise > best:
+                now = _weight(rise, nz[p], a[p])
+                middle = 0.5 * (before + t)
+                for side in (-ASIDE, ASIDE):
+                    v, u = y + middle * south + side * east / length, x + middle * east - side * south / length
+                    r, c = min(max(int(v), 0), rows - 2), min(max(int(u), 0), columns - 2)
+                    kind = 0 if v - r > u - c else 1
+                    for k in range(channels):
+                        out[k, p] += 0.5 * (now - seen) * radiance[k, kind, r, c]
+                best, seen = rise, now
+            # Crossings at one place count once
+            before, here = t, t * (1 + 1e-12)
+            if tr <= here:
+                tr += dr
+            if tc <= here:
+                tc += dc
+            if td <= here:
+                td += dd
+        horizon[p] = best
+
+
+def arriving(field, places, n, azimuths, tables, radiance=None, s: int = 1, step=None) -> np.ndarray:
+    """Irradiance that points receive from the sky and, if its radiance is given, from the surface.
+
+    Parameters
+    ----------
+    field : HeightField
+    places : (3, n) float64 array
+        Rows and columns, fractional, and heights in metres.
+    n : (3, n) array
+        Unit normals.
+    azimuths : (K,) array
+        Radians clockwise from north.
+    tables : K arrays
+        The sky's, as `gather.sky_table` returns them.
+    radiance : (channels, 2, s · (rows − 1), s · (columns − 1)) array, optional
+        Of the triangles south-west of their cells' diagonals, then north-east.
+    s : int
+        Cells into which a cell is cut, a side.
+    step : callable, optional
+        Called after each direction.
+
+    Returns
+    -------
+    (channels, n) float32 array
+        W/m².
+    """
+    channels = tables[0].shape[-1]
+    # On a strip one sample wide there are no triangles, but horizons
+    s = s if radiance is not None else 1
+    heights = np.ascontiguousarray(refine(field.heights, s))
+    if radiance is None:
+        radiance = np.zeros((0, 2, 1, 1))
+    dy, dx = field.spacing
+    at = np.ascontiguousarray((places * np.array([[s], [s], [1]])).T, dtype=np.float64)
+    width = 2 * np.pi / len(azimuths)
+    limit = np.inf if field.radius is None else field.radius
+    out, sky = np.zeros((channels, len(at))), np.zeros((channels, 1, len(at)), dtype=np.float32)
+    for azimuth, table in zip(azimuths, tables, strict=True):
+        a = n[0] * np.sin(azimuth) + n[1] * np.cos(azimuth)
+        horizon = np.array(-a / n[2], dtype=np.float64)
+        south, east = -np.cos(azimuth) / dy * s, np.sin(azimuth) / dx * s
+        _gather(heights, at, n[2], a, south, east, limit, field.curve, radiance, horizon, out)
+        gather.add_sky(horizon[None], n[2:], a[None], table, width, sky)
+        if step:
+            step()
+    return (out * width).astype(np.float32) + sky[:, 0]
