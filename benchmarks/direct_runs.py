@@ -16,7 +16,7 @@ from intervis.integrators.shading import prepare
 
 SAMPLERS = ("independent", "multijitter", "ldsampler")
 EMITTER_SAMPLES = (1, 4)
-LADDER = (4, 8, 16, 32, 64, 128, 256)
+LADDER = (4, 8, 16, 32, 64, 128, 256, 512)
 CHUNK = 1024  # samples a pixel of one reference render
 
 
@@ -121,7 +121,8 @@ def fingerprint(s: Setup, spp: int) -> str:
     for key, value in sorted(mi.traverse(s.scene), key=lambda item: item[0]):
         digest.update(key.encode())
         try:
-            digest.update(np.ascontiguousarray(np.array(value)).tobytes())
+            # A transform's array would hold its address
+            digest.update(np.ascontiguousarray(np.array(getattr(value, "matrix", value))).tobytes())
         except (TypeError, ValueError, RuntimeError):
             digest.update(str(value).encode())
     digest.update(str([type(b).__name__ + str(b) for b in (x.bsdf() for x in s.scene.shapes())]).encode())

@@ -14,6 +14,7 @@ from .cells import window_sum
 
 RADIUS = 2  # share within 5×5 pixels
 TOLERANCE = 1.0  # of what noise explains
+WHOLE = 0.35  # variance of a whole net over that of its half
 
 
 def smooth(total, image):
@@ -132,5 +133,7 @@ def _benefit(frame, index, va, vb, shared_a, shared_b):
     dr.scatter(shared, error, index)
     near_own, near_shared = window_sum([own, shared], frame.width, frame.height)
     gain = 1 - at(near_shared + shared) / dr.maximum(at(near_own + own), 1e-20)
-    # A perfect value still misses the other half's noise: at best the error halves
-    return dr.clip((gain - 0.1) / 0.25, 0, 1)
+    # A perfect value still misses the other half's noise: at best the error halves. What it misses beyond that is the
+    # shared value's own error, here against that of a half; the whole pixel's is less than half of a half's
+    error = dr.maximum(1 - 2 * gain, 0)
+    return dr.select(gain > 0, dr.square(WHOLE / (WHOLE + error)), 0)
