@@ -20,6 +20,7 @@ from .field import HeightField
 from .fields import FIELDS, example, make
 from .light import BRIGHTEST
 from .sweep import azimuths_of
+from .tally import Tally
 
 PRODUCTS = ("irradiance", "skyview", "horizons", "shadow")
 MOST = 36_000  # azimuths
@@ -79,15 +80,20 @@ def _product(field, name, options, sun, sky, progress, report):
         out = field.shadow(sun[0], sun[1])
     else:
         azimuths = azimuths_of(options.azimuths)
+        tally = Tally()
         out = np.empty((len(azimuths), *field.heights.shape), dtype=np.float32)
         for i, azimuth in enumerate(azimuths):
             out[i] = field.horizons([azimuth])[0]
             _account(report, field.report)
+            tally.add(*vars(field.tally).values())
             yield out[: i + 1]
             progress(i + 1, len(azimuths))
-        return
-    _account(report, field.report)
-    yield out
+    if name != "horizons":
+        _account(report, field.report)
+        tally = field.tally
+        yield out
+    if tally.rays:
+        report.notes.append(f"{name}: {tally}")
 
 
 def _account(total, part):
@@ -95,7 +101,6 @@ def _account(total, part):
     for mine, its in ((total.skipped, part.skipped), (total.rays, part.rays)):
         for what, count in its.items():
             mine[what] = count if what == "points without data" else mine.get(what, 0) + count
-    total.notes += [n for n in part.notes if n not in total.notes]
 
 
 @contextmanager

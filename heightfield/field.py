@@ -17,6 +17,7 @@ from . import points as rays
 from .check import choice, grid, number, reals, shown, spacing_of, watcher
 from .sources import path_of
 from .sweep import azimuths_of, direction, packed
+from .tally import Tally
 
 EARTH = 6_371_000.0  # m
 REFRACTION = 0.13  # of the Earth's curvature, standard for light near the ground
@@ -56,6 +57,8 @@ class HeightField:
         What a GeoTIFF said of itself; written back with products.
     report : Report
         Of the latest method.
+    tally : Tally
+        How often the latest method looked at the surface, and how often the naive method does.
 
     Raises
     ------
@@ -85,7 +88,7 @@ class HeightField:
         self.centre = float(np.round(np.mean(self.heights[self.valid])))
         self._turned = (self.heights - self.centre).astype(np.float32)
         self.georeference = None
-        self.report = Report()
+        self.report, self.tally = Report(), Tally()
 
     @classmethod
     def from_file(cls, path, **options) -> HeightField:
@@ -142,7 +145,7 @@ class HeightField:
             choice("method", method, METHODS)
             return self._at_points(points, k)[0].astype(np.float32)
         out = np.empty((len(k), *self.heights.shape), dtype=np.float32)
-        with self._reported(len(k)):
+        with self._reported():
             for n, t in enumerate(self._tangents(k, method, progress)):
                 np.arctan(t, out=out[n])
         if not self.valid.all():
@@ -175,7 +178,7 @@ class HeightField:
         else:
             tangents, known = self._tangents(k, method, progress), self.valid
         total = np.zeros(known.shape)
-        with self._reported(len(k)):
+        with self._reported():
             for az, t in zip(k, tangents, strict=True):
                 if weighting == "cosine":
                     total += light.sky_share(t, n, az)
@@ -204,7 +207,7 @@ class HeightField:
         """
         azimuth, elevation = number("azimuth", azimuth), number("elevation", elevation, -np.pi / 2, np.pi / 2)
         radius = number("radius", radius, 0.0, np.pi / 2)
-        with self._reported(1):
+        with self._reported():
             out = self._lit(azimuth, elevation, radius, method).astype(np.float32)
         out[~self.valid] = np.nan
         return out
@@ -235,16 +238,13 @@ class HeightField:
         Points share lines (see `lines`): except along rows, columns and diagonals of the grid a point is
         looked from at most half a row beside it, and the surface is looked at where the line crosses columns (or rows if it
         runs closer to north). A sample is seen if its slope exceeds that of everything nearer; equal slopes are not seen.
-        ``report.skipped`` says how many samples were not looked at that the naive method looks at.
+        ``report.skipped`` says how many crossings were not looked at that the naive method looks at.
         """
         choice("method", method, METHODS)
         d = direction(number("azimuth", azimuth), self.spacing)
-        with self._reported(1):
+        with self._reported():
             *found, looked, naive = intervisibility.local_horizons(d, self._turned, self.curve, self._reach(d), method)
-        self.report.skipped["samples"] = max(naive - looked, 0)
-        self.report.notes.append(
-            f"{looked / self.heights.size:.3g} iterations a point, {naive / self.heights.size:.3g} by the naive method"
-        )
+            self.tally.add(looked, naive, self.heights.size)
         return tuple(found)
 
     # --- Light -----------------------------------------------------------------------------------------------------
@@ -307,7 +307,7 @@ class HeightField:
         s = int(number("supersampling", supersampling, 1, 16, whole=True))
         k, progress = azimuths_of(azimuths), watcher(progress)
         at = None if points is None else rays.positions(points, self.heights.shape)
-        with self._reported(len(k)):
+        with self._reported():
             e = transport.irradiance(self, sky, sun, lamps, albedo, emission, bounces, k, tolerance, s, method, progress, at)
         out = np.ascontiguousarray(np.moveaxis(e, 0, -1))
         out[~(self.valid if at is None else rays.interpolated(at, self.valid, None)[0])] = np.nan
@@ -365,7 +365,7 @@ class HeightField:
     def _at_points(self, points, azimuths, n=None):
         # Horizons in radians, (K, n), NaN beside unknown points; and normals interpolated to the points
         at = rays.positions(points, self.heights.shape)
-        with self._reported(len(azimuths)):
+        with self._reported():
             out = np.arctan(rays.tangents(self.heights, at, azimuths, self.spacing, self.radius, self.curve))
         known, n = rays.interpolated(at, self.valid, n)
         out[:, ~known] = np.nan
@@ -378,31 +378,37 @@ class HeightField:
         before, way, turned = (None, None), None, None
         for n, azimuth in enumerate(azimuths):
             if azimuth != before[0]:
-                d = direction(azimuth, self.spacing)
+                d, looked = direction(azimuth, self.spacing), []
                 reach = self._reach(d)
                 if way != (d.transpose, d.flip_rows, d.flip_columns):
                     way, turned = (d.transpose, d.flip_rows, d.flip_columns), packed(d.turn(self._turned))
                 if method == "march" or reach is not None or turned.shape[1] > hull.LONGEST:
-                    t = march.horizons(turned, d, self.curve, reach)
+                    t = march.horizons(turned, d, self.curve, reach, looked)
                 else:
-                    t = hull.horizons(turned, d, self.curve)
+                    t = hull.horizons(turned, d, self.curve, tally=looked)
+                self.tally.add(sum(looked), march.naive(d, turned.shape, reach), turned.size)
                 before = (azimuth, packed(d.back(t)))
             yield before[1]
             if progress:
                 progress(n + 1, len(azimuths))
 
-    def _reported(self, directions):
-        return _Timed(self, directions)
+    def _reported(self):
+        return _Timed(self)
 
 
 class _Timed:
-    # Fill the field's report with the time a method took
-    def __init__(self, field, directions):
-        self.field, self.directions = field, directions
+    # Fill the field's report with the time a method took, and with what it looked at
+    def __init__(self, field):
+        self.field = field
 
     def __enter__(self):
-        self.begin = time.perf_counter()
+        self.begin, self.field.tally = time.perf_counter(), Tally()
 
     def __exit__(self, *_):
+        tally = self.field.tally
         skipped = {"points without data": int((~self.field.valid).sum())}
-        self.field.report = Report(wall_s=time.perf_counter() - self.begin, skipped=skipped)
+        report = Report(wall_s=time.perf_counter() - self.begin, skipped=skipped)
+        if tally.rays:
+            skipped["crossings"] = max(tally.naive - tally.looked, 0)
+            report.notes.append(str(tally))
+        self.field.report = report

@@ -73,10 +73,15 @@ def surface(heights, radiance, own, nz, a, edges, weight, distance, triangles, f
     horizon : (m, n) float32 array
         Tangents below which the receiver's own plane hides everything; of its horizon afterwards.
     out : (channels, m, n) float32 array
+
+    Returns
+    -------
+    int
+        Crossings looked at, over all receivers.
     """
     rows, columns = heights.shape[1], heights.shape[2] - BLOCK
     channels, last = len(radiance), radiance.shape[2] - 1
-    top = heights[0].max()
+    top, looked = heights[0].max(), 0
     for i in nb.prange(own.shape[0]):
         work = np.zeros((6, BLOCK), np.float32)
         gather = np.empty((channels, BLOCK), np.float32)
@@ -111,6 +116,7 @@ def surface(heights, radiance, own, nz, a, edges, weight, distance, triangles, f
                             more |= _weight(highest, work[UP, j], work[ALONG, j]) - work[SEEN, j] > slack
                     if not more:
                         break
+                looked += min(size, columns - max(ca, cb))
                 p, q = heights[edges[n, 0], ra, ca : ca + BLOCK], heights[edges[n, 3], rb, cb : cb + BLOCK]
                 r, c = min(max(i + triangles[n, 1], 0), last), j0 + triangles[n, 2]
                 # The triangle on which the receiver itself lies sends it nothing
@@ -124,6 +130,7 @@ def surface(heights, radiance, own, nz, a, edges, weight, distance, triangles, f
             for m in range(channels):
                 for j in range(size):
                     out[m, i, j0 + j] += share * gather[m, j]
+    return looked
 
 
 def sky_table(radiance) -> np.ndarray:

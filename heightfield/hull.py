@@ -36,7 +36,7 @@ def _types():
 
 
 @dr.syntax
-def _locate(heights, where, rows, columns, slope, bend, diagonal, shared, first, per_row, near, depth):
+def _locate(heights, where, looked, rows, columns, slope, bend, diagonal, shared, first, per_row, near, depth):
     """Write to ``where`` the column of every receiver's horizon beyond ``near`` columns, as its line sees it."""
     Float, Float64, Int32, UInt32 = _types()
     b = Float64(first) + Float64(dr.arange(Int32, per_row * shared)) / shared
@@ -50,7 +50,7 @@ def _locate(heights, where, rows, columns, slope, bend, diagonal, shared, first,
     px, ph = dr.alloc_local(Float, depth), dr.alloc_local(Float, depth)
     # Of full width from the start: loops keep no lane apart in what begins as one number
     x, slope32 = Int32(x1), Float(slope)
-    n = 0 * x
+    n, steps = 0 * x, UInt32(0 * x)
     # The two nearest corners of the hull, t before u, are kept at hand
     tx, th, ux, uh, beyond = (Float(n) for _ in range(5))
     while dr.hint(x >= x0, mode="symbolic"):
@@ -87,11 +87,13 @@ def _locate(heights, where, rows, columns, slope, bend, diagonal, shared, first,
             drop &= n >= 2
             q = UInt32(n - 2)
             ux, uh = dr.select(drop, px.read(q, drop), ux), dr.select(drop, ph.read(q, drop), uh)
+            steps += 1
         px.write(cf, UInt32(n), new)
         ph.write(h, UInt32(n), new)
         ux, uh = dr.select(new, tx, ux), dr.select(new, th, uh)
         tx, th = dr.select(new, cf, tx), dr.select(new, h, th)
         n = dr.select(new, n + 1, n)
+        steps += dr.select(new, UInt32(1), UInt32(0))
 
         # The receiver in this column whose nearest line this is: slopes along the hull rise, then fall
         y = b + slope * Float64(x)
@@ -111,8 +113,10 @@ def _locate(heights, where, rows, columns, slope, bend, diagonal, shared, first,
                 best, at = dr.select(more, rise, best), dr.select(more, ahead, at)
                 k = dr.select(more, k - 1, k)
                 more &= k > 0
+                steps += 1
             dr.scatter(where, Int32(at), i * columns + x, mine)
         x -= 1
+    dr.scatter(looked, steps, dr.arange(UInt32, per_row * shared))
 
 
 def _cell(heights, i, j, h0, k, slope, bend, rows, columns, diagonal, active):
@@ -154,7 +158,7 @@ def _cell(heights, i, j, h0, k, slope, bend, rows, columns, diagonal, active):
     return best
 
 
-def horizons(heights, d, curve: float = 0.0, near: int = NEAR, lines: int = LINES) -> np.ndarray:
+def horizons(heights, d, curve: float = 0.0, near: int = NEAR, lines: int = LINES, tally=None) -> np.ndarray:
     """Tangent of the horizon of every grid point along +x.
 
     Parameters
@@ -168,15 +172,17 @@ def horizons(heights, d, curve: float = 0.0, near: int = NEAR, lines: int = LINE
         Columns looked at on the receiver's own ray.
     lines : int
         Shared lines a row, for what lies beyond.
+    tally : list of int, optional
+        What was looked at is appended: crossings, and corners of hulls.
 
     Returns
     -------
     (rows, columns) float32 array
         −inf where nothing of the field lies in the direction.
     """
-    Float, Float64, Int32, _ = _types()
+    Float, Float64, Int32, UInt32 = _types()
     heights = np.ascontiguousarray(heights, dtype=np.float32)
-    out = march.horizons(heights, d, curve, near)
+    out = march.horizons(heights, d, curve, near, tally)
     shape = heights.shape
     if shape[1] - 1 <= near:
         return out
@@ -184,16 +190,18 @@ def horizons(heights, d, curve: float = 0.0, near: int = NEAR, lines: int = LINE
     # that displace a sample where slope is 1 and cells are cut the other way)
     lines = 1 if d.slope in (0.0, 1.0) else lines
     first = -math.ceil(d.slope * (shape[1] - 1)) - 1
+    looked = dr.zeros(UInt32, (shape[0] + 1 - first) * lines)
     field, where = Float(heights.ravel()), dr.full(Int32, -1, heights.size)
     # Opaque: one kernel for every direction and field
     rows, columns, near = (dr.opaque(Int32, v) for v in (*shape, near))
     slope, bend, step = dr.opaque(Float64, d.slope), dr.opaque(Float, curve * d.step**2), dr.opaque(Float, d.step)
-    dr.eval(field, where, rows, columns, near, slope, bend, step)
+    dr.eval(field, where, looked, rows, columns, near, slope, bend, step)
     depth = 1 << (shape[1] - 1).bit_length()
     with interrupts():
         _locate(
             field,
             where,
+            looked,
             rows,
             columns,
             slope,
@@ -205,7 +213,10 @@ def horizons(heights, d, curve: float = 0.0, near: int = NEAR, lines: int = LINE
             near,
             depth,
         )
-    dr.eval(where)
+    dr.eval(where, looked)
+    if tally is not None:
+        # In the columns before and behind the hull's corner, two or three crossings each
+        tally += [int(looked.numpy().sum(dtype=np.int64)), round((2 + d.slope) * 3 * heights.size)]
 
     # How high: on the receiver's own ray, around that column
     index = dr.arange(Int32, heights.size)

@@ -94,9 +94,14 @@ def steepest(heights, own, edges, weight, distance, step, curve, out):
         Drop of the Earth's surface over squared distance, 1/m.
     out : (m, n) float32 array
         Tangents of the horizons so far, changed in place.
+
+    Returns
+    -------
+    int
+        Crossings looked at, over all receivers.
     """
     rows, columns = heights.shape[1], heights.shape[2] - BLOCK
-    top = heights[0].max()
+    top, looked = heights[0].max(), 0
     for i in nb.prange(own.shape[0]):
         # Blocks of receivers: their horizons stay in the cache, and each stops as soon as it can
         for j0 in range(0, own.shape[1], BLOCK):
@@ -119,11 +124,34 @@ def steepest(heights, own, edges, weight, distance, step, curve, out):
                         more |= (top - mine[j]) * scale - drop > best[j]
                     if not more:
                         break
+                looked += min(size, columns - max(ca, cb))
                 a, b = heights[edges[n, 0], ra, ca : ca + BLOCK], heights[edges[n, 3], rb, cb : cb + BLOCK]
                 for j in range(BLOCK):
                     rise = (a[j] + w * (b[j] - a[j]) - mine[j]) * scale - drop
                     best[j] = max(best[j], rise)
             out[i, j0 : j0 + size] = best[:size]
+    return looked
+
+
+def crossed(edges, receivers: tuple[int, int], rows: int, columns: int) -> int:
+    """Count the crossings that lie on the field: what the naive method looks at, from receivers at every row and column."""
+    below = np.minimum(receivers[0], rows - np.maximum(edges[:, 1], edges[:, 4]))
+    right = np.minimum(receivers[1], columns - np.maximum(edges[:, 2], edges[:, 5]))
+    return int((np.maximum(below, 0).astype(np.int64) * np.maximum(right, 0)).sum())
+
+
+def naive(d, shape: tuple[int, int], reach: int | None = None) -> int:
+    """Count what the naive method looks at in one direction, from every point of a turned grid."""
+    columns = shape[1] - 1 if reach is None else min(reach, shape[1] - 1)
+    return crossed(_edges(d, columns)[0], shape, *shape) if columns > 0 else 0
+
+
+def _edges(d, columns):
+    # Crossings of the rays from grid points, as kernels take them
+    offset, weight, distance = crossings(d.slope, d.diagonal, columns)
+    edges = np.zeros((len(offset), 6), dtype=np.int32)
+    edges[:, [1, 2, 4, 5]] = offset
+    return edges, weight, distance
 
 
 def padded(heights: np.ndarray) -> np.ndarray:
@@ -134,7 +162,7 @@ def padded(heights: np.ndarray) -> np.ndarray:
     return out
 
 
-def horizons(heights, d, curve: float = 0.0, reach: int | None = None) -> np.ndarray:
+def horizons(heights, d, curve: float = 0.0, reach: int | None = None, tally=None) -> np.ndarray:
     """Tangent of the horizon of every grid point along +x, by marching.
 
     Parameters
@@ -146,6 +174,8 @@ def horizons(heights, d, curve: float = 0.0, reach: int | None = None) -> np.nda
         Drop of the Earth's surface over squared distance, 1/m.
     reach : int, optional
         Columns to look at; all of them by default.
+    tally : list of int, optional
+        What was looked at is appended.
 
     Returns
     -------
@@ -156,8 +186,7 @@ def horizons(heights, d, curve: float = 0.0, reach: int | None = None) -> np.nda
     columns = heights.shape[1] - 1 if reach is None else min(reach, heights.shape[1] - 1)
     out = np.full(heights.shape, -np.inf, dtype=np.float32)
     if columns > 0:
-        offset, weight, distance = crossings(d.slope, d.diagonal, columns)
-        edges = np.zeros((len(offset), 6), dtype=np.int32)
-        edges[:, [1, 2, 4, 5]] = offset
-        steepest(padded(heights)[None], heights, edges, weight, distance, d.step, curve, out)
+        looked = steepest(padded(heights)[None], heights, *_edges(d, columns), d.step, curve, out)
+        if tally is not None:
+            tally.append(looked)
     return out

@@ -9,7 +9,7 @@ import numpy as np
 from . import gather
 from .faces import Faces, along_edge, centroid, planes, ray, undeal
 from .light import disk_share
-from .march import ABYSS, BLOCK, steepest
+from .march import ABYSS, BLOCK, crossed, steepest
 from .surface import refine
 from .sweep import Direction, direction, packed
 
@@ -110,10 +110,12 @@ class Passes:
         for side in sides:
             seen = ray(d, columns, self.s, r.y, r.x, side)
             if radiance is None:
-                steepest(heights, r.heights, seen.edges, seen.weight, seen.distance, d.step, self.field.curve, horizon)
+                on = seen.edges, seen.weight, seen.distance
+                looked = steepest(heights, r.heights, *on, d.step, self.field.curve, horizon)
+                self._count(seen, r, heights, looked)
                 continue
             horizon[...] = began
-            gather.surface(
+            looked = gather.surface(
                 heights,
                 radiance,
                 r.heights,
@@ -128,6 +130,12 @@ class Passes:
                 horizon,
                 share,
             )
+            self._count(seen, r, heights, looked, len(sides))
+
+    def _count(self, seen, r: Receivers, heights, looked, sides=1):
+        # What was looked at, what the naive method looks at, from how many receivers; either side of an edge is half a ray
+        naive = crossed(seen.edges, r.heights.shape, heights.shape[1], heights.shape[2] - BLOCK)
+        self.field.tally.add(looked, naive, r.heights.size / sides)
 
     # --- To a turned grid and back -------------------------------------------------------------------------------------
 

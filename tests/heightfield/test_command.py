@@ -75,8 +75,10 @@ def test_every_product_in_every_format(here, capsys, suffix):
     if suffix != ".npz":
         assert len(layers) == 9
         np.testing.assert_array_equal(layers["horizons.060.0"], expected(field, "horizons")[1])
-    # The report tells the time of each, and where it went
+    # The report tells the time of each, where it went, and how often each looked at the surface
     printed = capsys.readouterr().out
+    for product in ("irradiance", "skyview", "horizons", "shadow"):
+        assert f"{product}: " in printed and printed.count("by the naive method") == 4
     assert all(word in printed for word in ("time", "irradiance", "skyview", "horizons", "shadow", "MiB peak"))
     assert printed.rstrip().endswith(f"out{suffix}")
 

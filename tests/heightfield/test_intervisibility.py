@@ -241,4 +241,4 @@ def test_report_tells_what_was_skipped():
             np.testing.assert_array_equal(a, b)
     field.intervisibility(np.pi / 2, method="tree")
     naive = 40 * 50 * 49 // 2
-    assert 0 < naive - field.report.skipped["samples"] < 0.5 * naive
+    assert 0 < naive - field.report.skipped["crossings"] < 0.5 * naive
