@@ -47,7 +47,9 @@ def _weight(t, nz, a):
 
 
 @nb.njit(cache=True, parallel=True, fastmath={"nsz", "contract", "reassoc"})
-def surface(heights, radiance, own, nz, a, edges, weight, distance, triangles, feet, step, curve, slack, share, horizon, out):
+def surface(
+    heights, radiance, own, nz, a, edges, weight, distance, triangles, others, feet, step, curve, slack, share, horizon, out
+):
     """Add to ``out`` the irradiance per radian of azimuth that the surface sends along one direction's rays.
 
     Parameters
@@ -60,6 +62,8 @@ def surface(heights, radiance, own, nz, a, edges, weight, distance, triangles, f
         The receivers' heights, and their normals' components upwards and along the direction.
     edges, weight, distance, triangles
         As `faces.Ray` has them.
+    others : (n, 3) int32 array
+        For rays along edges the triangles on the other side; the same ones elsewhere.
     feet : bool
         Whether receivers lie within triangles, which send them nothing.
     step : float
@@ -118,13 +122,16 @@ def surface(heights, radiance, own, nz, a, edges, weight, distance, triangles, f
                         break
                 looked += min(size, columns - max(ca, cb))
                 p, q = heights[edges[n, 0], ra, ca : ca + BLOCK], heights[edges[n, 3], rb, cb : cb + BLOCK]
-                r, c = min(max(i + triangles[n, 1], 0), last), j0 + triangles[n, 2]
+                kind, r, c = triangles[n, 0], i + triangles[n, 1], j0 + triangles[n, 2]
+                if r < 0 or r > last:
+                    # Along the border there is a triangle on one side only
+                    kind, r, c = others[n, 0], i + others[n, 1], j0 + others[n, 2]
                 # The triangle on which the receiver itself lies sends it nothing
                 shines = n > 0 or not feet
                 for g in range(groups):
                     if cross(work, g, p, q, w, scale, drop) and shines:
                         for m in range(channels):
-                            shine(work, g, radiance[m, triangles[n, 0], r, c : c + BLOCK], gather[m])
+                            shine(work, g, radiance[m, kind, r, c : c + BLOCK], gather[m])
             for j in range(size):
                 horizon[i, j0 + j] = work[BEST, j]
             for m in range(channels):

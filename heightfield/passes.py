@@ -107,8 +107,8 @@ class Passes:
         # A ray along edges has a triangle on its left and another on its right: half of each
         sides = (-1, 1) if radiance is not None and along_edge(d, self.s * r.y, self.s * r.x) else (1,)
         began = horizon.copy() if len(sides) > 1 else horizon
-        for side in sides:
-            seen = ray(d, columns, self.s, r.y, r.x, side)
+        rays = [ray(d, columns, self.s, r.y, r.x, side) for side in sides]
+        for seen, other in zip(rays, rays[::-1], strict=True):
             if radiance is None:
                 on = seen.edges, seen.weight, seen.distance
                 looked = steepest(heights, r.heights, *on, d.step, self.field.curve, horizon)
@@ -121,7 +121,7 @@ class Passes:
                 r.heights,
                 r.normals[2],
                 a,
-                *(seen.edges, seen.weight, seen.distance, seen.triangles),
+                *(seen.edges, seen.weight, seen.distance, seen.triangles, other.triangles),
                 r.y != 0,
                 d.step,
                 self.field.curve,

@@ -41,6 +41,7 @@ def irradiance(
     n = normals(field.heights, field.spacing, field.valid).astype(np.float32)
     tables = [gather.sky_table(c) for c in light.sky_columns(sky, azimuths, channels)]
     glows = bool((emission > 0).any())
+    bounces = bounces if (albedo > 0).any() else 0
     # A strip one sample wide has no triangles
     passes = (glows or bounces > 0) * (1 + (bounces > 0) + bounces - (not glows)) if min(field.heights.shape) > 1 else 0
     # The last gather finds the horizons too, unless it may stop before it has

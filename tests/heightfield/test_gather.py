@@ -105,3 +105,15 @@ def test_light_along_edges(azimuths):
     # Turned by half a circle, cells are cut alike
     turned = HeightField(heights[::-1, ::-1]).irradiance(emission=glow[::-1, ::-1], **options)[::-1, ::-1, 0]
     np.testing.assert_allclose(found, turned, rtol=2e-5)
+
+
+@pytest.mark.parametrize("azimuth", np.arange(4) * np.pi / 2)
+def test_light_along_the_border(azimuth):
+    """Along the outermost rows and columns a ray has triangles on one side only."""
+    rng = np.random.default_rng(11)
+    field, glow = HeightField(rng.uniform(0, 2, (10, 10))), rng.uniform(0, 1, (10, 10))
+    found = field.irradiance(sky=0.0, emission=glow, albedo=0.0, bounces=0, azimuths=[azimuth])[..., 0]
+    for k in range(10):
+        # East and west along the first and last rows, north and south along the columns
+        for i, j in ((0, k), (9, k)) if round(azimuth / (np.pi / 2)) % 2 else ((k, 0), (k, 9)):
+            assert found[i, j] == pytest.approx(gathered(field, glow, azimuth, i, j) * 2 * np.pi, rel=2e-3, abs=1e-4)
