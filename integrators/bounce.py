@@ -54,9 +54,10 @@ def indirect(shading, si, seed, index, s, salt):
         bsdf = hit.bsdf(ray)
         lit = here & mi.has_flag(bsdf.flags(), mi.BSDFFlags.Smooth)
         ds, weight = scene.sample_emitter_direction(
-            hit, mi.Point2f(rng.next_float32(), rng.next_float32()), True, lit
+            hit, mi.Point2f(rng.next_float32(), rng.next_float32()), False, lit
         )
         lit &= ds.pdf != 0
+        lit &= ~scene.ray_test(hit.spawn_ray_to(shading.lights.end(ds, ds.emitter, hit.p)), lit)
         f, q = bsdf.eval_pdf(context, hit, hit.to_local(ds.d), lit)
         mis = dr.select(ds.delta, 1, dr.square(ds.pdf) / dr.maximum(dr.square(ds.pdf) + dr.square(q), 1e-30))
         value += dr.select(lit, beta * f * weight * mis, 0)

@@ -10,6 +10,8 @@ import mitsuba as mi
 import numpy as np
 
 _REFERENCE_SAMPLES = 256
+# Farther than any scene, with a square that float32 still holds
+_BEYOND = 1e18
 
 
 @dataclass
@@ -46,6 +48,21 @@ class Lights:
     rectangle: tuple | None
     numbers: object = None
 
+    @property
+    def infinite(self) -> bool:
+        """Whether any light is at infinity: a sky, a sun."""
+        return any(mi.has_flag(e.flags(), mi.EmitterFlags.Infinite) for e in self.emitters)
+
+    def end(self, ds, emitter, p):
+        """Where a shadow ray from ``p`` towards a light sample must end to have passed all that may block it.
+
+        Mitsuba puts samples of skies and suns at twice the radius of the scene's bounding sphere. In 3.9.1 that sphere
+        misses rectangles that were merged with meshes of the same material, and light leaks through them.
+        """
+        if not self.infinite:
+            return ds.p
+        return dr.select(mi.has_flag(emitter.flags(), mi.EmitterFlags.Infinite), p + ds.d * _BEYOND, ds.p)
+
     def index(self, emitter):
         """Position of an emitter (pointer) in the arrays."""
         identity = dr.reinterpret_array(mi.UInt32, emitter)
@@ -74,11 +91,28 @@ def _mean_radiance(emitter, shape) -> float:
     return max(mean, 0.0)
 
 
+def bounds(scene) -> tuple[np.ndarray, np.ndarray]:
+    """Lower and upper corner of all that a scene's rays can hit, each float64 of shape (3,); zeros if that is nothing.
+
+    Meshes are measured by their vertices: Mitsuba 3.9.1 forgets rectangles that it merged into one.
+    """
+    boxes = []
+    for shape in scene.shapes():
+        parameters = mi.traverse(shape)
+        if "vertex_positions" in parameters:
+            v = np.array(parameters["vertex_positions"], dtype=np.float64).reshape(-1, 3)
+            v = v[np.isfinite(v).all(1)]
+            boxes += [v.min(0), v.max(0)] if len(v) else []
+        elif shape.bbox().valid():
+            boxes += [np.array(shape.bbox().min).ravel(), np.array(shape.bbox().max).ravel()]
+    boxes = [b for b in boxes if np.isfinite(b).all()]
+    return (np.min(boxes, axis=0), np.max(boxes, axis=0)) if boxes else (np.zeros(3), np.zeros(3))
+
+
 def _brightness_elsewhere(emitter, scene) -> tuple[np.ndarray, float, float]:
     # Lights without a surface are probed: from the scene's middle, then, if they have a place, from all around it
-    box = scene.bbox()
-    centre = np.array(box.center(), dtype=np.float64).ravel() if box.valid() else np.zeros(3)
-    size = max(float(np.linalg.norm(np.array(box.extents()))) if box.valid() else 1.0, 1e-6)
+    lower, upper = bounds(scene)
+    centre, size = 0.5 * (lower + upper), max(float(np.linalg.norm(upper - lower)), 1e-6)
     position, value, distance = _probe(emitter, np.repeat(centre[:, None], 64, axis=1))
     far = emitter.is_environment() or bool(np.max(distance) > 2.0 * size) or not np.all(np.isfinite(distance))
     if far:

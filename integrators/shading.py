@@ -150,7 +150,9 @@ class Surface:
 
     def emitter_sample(self, emitter, u, active):
         """Sample a direction towards an emitter (object or pointers)."""
-        return emitter.sample_direction(self.si, u, active)
+        ds, weight = emitter.sample_direction(self.si, u, active)
+        ds.p = self.shading.lights.end(ds, emitter, self.si.p)
+        return ds, weight
 
 
 class Rectangle:
