@@ -44,7 +44,7 @@ def light_noise(s: Setup, spp: int = 64) -> dict[str, float]:
         return float(difference.max()), (rays["pilot"] + rays["refinement"]) / s.pixels
 
     jittered, shadow_rays = largest()
-    with patch.object(camera, "net_2d", lambda i, s0, s1: mi.Point2f(0.5, 0.5)):
+    with patch.object(camera, "net_high", lambda i, s0, s1: mi.Point2f(0.5, 0.5)):
         noise, _ = largest()
     return {"noise": noise, "jittered": jittered, "shadow_rays": shadow_rays}
 

@@ -12,6 +12,7 @@ from ..errors import InputError
 from ..visibility import VisibilityClass
 from .cells import window_sum
 from .decide import weight_of_pilot
+from .order import Order
 
 BATCH = 1 << 22  # most hits a launch: 32 MiB of lane lists
 RATE = 1.5  # variance of stratified hits falls as their number to this power
@@ -40,37 +41,47 @@ def refuse_gradients(scene) -> None:
         )
 
 
-def batches(hits):
+def batches(hits, rays):
     """Yield a number of hits in each pixel, a launch at a time: each hit's pixel, and its number in the pixel.
 
+    Pixels of many hits come first, so that a packet holds hits of one pixel wherever that has enough of them.
     The lists are made by Dr.Jit. Arrays that come from NumPy are borrowed, not copied, and lack the padding that kernels
     read past the end.
+
+    Parameters
+    ----------
+    hits, rays : mi.UInt32
+        Hits in each pixel, and rays a hit: powers of two, or no hits.
     """
-    pixel = dr.compress(hits > 0)
-    if dr.width(pixel) == 0:
+    most = int(dr.max(hits)[0])
+    if most == 0:
         return
-    hits = dr.gather(mi.UInt32, hits, pixel)
+    alike = [dr.compress(hits == (1 << h)) for h in reversed(range(most.bit_length()))]
+    pixel = dr.concat([a for a in alike if dr.width(a)])
+    hits, rays = dr.gather(mi.UInt32, hits, pixel), dr.gather(mi.UInt32, rays, pixel)
     ends = dr.cumsum(hits)
     bounds = np.array(ends, dtype=np.int64)
+    order = Order()
     start = 0
     while start < len(bounds):
         # As many whole pixels as fit a launch
         done = int(bounds[start - 1]) if start else 0
         stop = max(int(np.searchsorted(bounds, done + BATCH, side="right")), start + 1)
         some = dr.arange(mi.UInt32, stop - start) + dr.opaque(mi.UInt32, start)
-        yield _numbered(dr.gather(mi.UInt32, pixel, some), dr.gather(mi.UInt32, hits, some),
-                        dr.gather(mi.UInt32, ends, some) - dr.opaque(mi.UInt32, done), int(bounds[stop - 1]) - done)
+        columns = [dr.gather(mi.UInt32, column, some) for column in (pixel, hits, rays, ends)]
+        columns[3] -= dr.opaque(mi.UInt32, done)
+        yield _numbered(*columns, order, int(bounds[stop - 1]) - done)
         start = stop
 
 
 @dr.syntax
-def _numbered(pixel, hits, end, count):
+def _numbered(pixel, hits, rays, end, order, count):
     # Every pixel writes the lanes of its own hits
     lanes, numbers = dr.zeros(mi.UInt32, count), dr.zeros(mi.UInt32, count)
     k = mi.UInt32(0)
     while k < hits:
         dr.scatter(lanes, pixel, end - hits + k)
-        dr.scatter(numbers, k, end - hits + k)
+        dr.scatter(numbers, order.number(k, hits, rays), end - hits + k)
         k += 1
     dr.eval(lanes, numbers)
     return lanes, numbers
@@ -84,7 +95,7 @@ class Totals:
         zeros = lambda n: [dr.zeros(mi.Float, frame.pixels) for _ in range(n)]  # noqa: E731
         self.first, self.second, self.bright, self.straight, self.alpha = zeros(3), zeros(3), zeros(3), zeros(3), zeros(1)
         self.guided, self.alpha_wanted = guided, bool(mi.has_flag(film.flags(), mi.FilmFlags.Alpha))
-        self.traced, self.reflected = (dr.zeros(mi.UInt32, frame.pixels) for _ in range(2))
+        self.traced, self.spared, self.reflected = (dr.zeros(mi.UInt32, frame.pixels) for _ in range(3))
         self.plain = film.rfilter().is_box_filter() and not mi.has_flag(film.flags(), mi.FilmFlags.Special)
         self.block = None if self.plain else film.create_block()
         if self.block is not None:
@@ -119,7 +130,7 @@ class Totals:
 
     def add(self, index, s, hits) -> None:
         """Add hits to their pixels."""
-        colour, bright, straight, hit, position, traced, reflected = hits
+        colour, bright, straight, hit, position, traced, spared, reflected = hits
         early = s < (dr.gather(mi.UInt32, self.decision.hits, index) >> 1)
 
         def add(targets, values, active=True):
@@ -129,7 +140,11 @@ class Totals:
         add(self.first, colour, early)
         add(self.second, colour, ~early)
         add([self.traced], [traced])
-        add([self.reflected], [reflected])
+        # What is nought by construction is not added up
+        if spared.state != dr.VarState.Literal:
+            add([self.spared], [spared])
+        if reflected.state != dr.VarState.Literal:
+            add([self.reflected], [reflected])
         if self.guided:
             add(self.bright, bright)
             add(self.straight, straight)
@@ -140,7 +155,8 @@ class Totals:
             share /= mi.Float(dr.gather(mi.UInt32, self.decision.hits, index))
             self.block.put(position, self._channels(colour, hit, share))
         extra = [self.block.tensor()] if self.block is not None else []
-        dr.eval(self.first, self.second, self.bright, self.straight, self.alpha, self.traced, self.reflected, *extra)
+        counts = [self.traced, self.spared, self.reflected]
+        dr.eval(self.first, self.second, self.bright, self.straight, self.alpha, counts, *extra)
 
     def _pilot(self):
         value = self.pilot.value + self.decision.mean * self.pilot.control + self.pilot.emission
@@ -248,7 +264,8 @@ class Totals:
         label, hits = np.array(d.label), np.array(d.hits)
         missed = np.array(self.pilot.alpha) == 0
         skipped = {
-            "no contribution": max(planned - rays["refinement"], 0),
+            "provably visible": total(self.spared),
+            "no contribution": max(planned - total(self.spared) - rays["refinement"], 0),
             "pixels that missed": int(np.sum(missed & (hits == 0))),
             "pixels converged": int(np.sum(~missed & (hits == 0))),
         }

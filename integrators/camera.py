@@ -50,7 +50,6 @@ class Frame:
         """
         # Light samples take the first two dimensions: places in the pixel and on the light are spread together
         position = corner + net_high(s, scramble[1], scramble[2])
-        scaled = (position - mi.Vector2f(self.offset)) / mi.Vector2f(self.crop)
         lens, time, wavelength = mi.Point2f(0.5), mi.Float(self.sensor.shutter_open()), mi.Float(0)
         if self.lens:
             lens = net_2d(shuffle(s, scramble[3]), scramble[4], scramble[5])
@@ -58,8 +57,13 @@ class Frame:
             time += self.shutter * net_1d(shuffle(s, scramble[6]), scramble[7])
         if mi.is_spectral:
             wavelength = net_1d(shuffle(s, scramble[6]), scramble[7])
-        ray, weight = self.sensor.sample_ray(time, wavelength, scaled, lens)
+        ray, weight = self.ray(position, lens, time, wavelength)
         return ray, weight, position
+
+    def ray(self, position, lens=(0.5, 0.5), time=0.0, wavelength=0.0):
+        """Primary ray and its weight through a film position, in pixels."""
+        scaled = (position - mi.Vector2f(self.offset)) / mi.Vector2f(self.crop)
+        return self.sensor.sample_ray(time, wavelength, scaled, mi.Point2f(lens))
 
 
 def scramble(index, seed, salt: int) -> list:

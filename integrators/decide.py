@@ -90,19 +90,23 @@ def decide(pilot, frame, classifier: str, grid: int, named: bool, refinement: bo
     # Noise from inside the pixel (edges, textures) shows as differences between neighbours
     b, e = mi.luminance(pilot.bright), mi.luminance(pilot.emission)
     one = mi.Float(dr.full(mi.Float, 1, frame.pixels))
-    sums = cells.neighbor_sum([b, b * b, e, e * e, b * e, pilot.noise + 0 * b, one], frame.width, frame.height)
-    count = dr.maximum(sums[6], 1)
-    b1, b2, e1, e2, be, noise = (s / count for s in sums[:6])
+    flat = [pilot.noise + 0 * b, dr.select(pilot.proven > 0, mi.Float(1), mi.Float(0)) + 0 * b]
+    sums = cells.neighbor_sum([b, b * b, e, e * e, b * e, *flat, one], frame.width, frame.height)
+    count = dr.maximum(sums[7], 1)
+    b1, b2, e1, e2, be, noise, proven = (s / count for s in sums[:7])
     # Neighbours' light is scaled by this pixel's guess: theirs would carry this pixel's own rays back to it
     level = b1 * mean + e1
     # What the light samples inside a hit add to those differences is noise that more rays a hit reduce
     inside = b2 - b1 * b1 - noise / float(pilot.rays)
     camera = mean * mean * inside + (e2 - e1 * e1) + 2 * mean * (be - b1 * e1)
     camera = dr.maximum(camera, 0)
-    light = dr.square(b1 * spread) + mean * mean * noise * dr.select(mean >= 1, SMOOTH, 1)
+    doubt = dr.square(b1 * spread)
+    light = doubt + mean * mean * noise * dr.select(mean >= 1, SMOOTH, 1)
     # As many shadow rays a hit as balance the two, given what a hit and a ray cost
     balance = dr.sqrt(HIT_COST * light / dr.maximum(camera, 1e-12 + 1e-6 * level * level))
     rays = mi.UInt32(1) << mi.UInt32(dr.clip(dr.round(dr.log2(dr.maximum(balance, 1))), 0, MAX_LOG_RAYS))
+    # Where nothing can stand in the way there is no doubt, and rays that were planned are spared
+    light -= proven * doubt
     error = dr.sqrt((camera + light / dr.power(mi.Float(rays), 1.3)) / (level * level + 0.01))
     return Decision(label, guess, mask, mean, refine, rays, error, near_seen[2:], near_tried[2:])
 

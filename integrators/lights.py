@@ -141,22 +141,45 @@ def _probe(emitter, points: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndar
     return place, np.where(np.isfinite(value), value, 0.0), distance
 
 
+def _parallelogram(shape) -> np.ndarray | None:
+    # Corners, in order, of a rectangle or of a mesh of two triangles with such an outline
+    parameters = mi.traverse(shape)
+    if str(shape).startswith("Rectangle"):
+        m = np.array(parameters["to_world"].matrix, dtype=np.float64).reshape(4, 4)
+        return np.array([(m @ [x, y, 0, 1])[:3] for x, y in ((-1, -1), (1, -1), (1, 1), (-1, 1))])
+    if "vertex_positions" not in parameters or len(parameters["faces"]) != 6:
+        return None
+    vertices = np.array(parameters["vertex_positions"], dtype=np.float64).reshape(-1, 3)
+    places, index = np.unique(vertices, axis=0, return_inverse=True)
+    faces = index.ravel()[np.array(parameters["faces"], dtype=np.int64)].reshape(2, 3)
+    shared = np.intersect1d(*faces)
+    if len(places) != 4 or len(shared) != 2:
+        return None
+    a, c = places[shared]
+    b, d = (places[np.setdiff1d(f, shared)[0]] for f in faces)
+    extent = np.ptp(places, axis=0).max()
+    # Its normal must be that of both triangles all over, whatever the vertices' normals
+    normals = np.array(shape.sample_position(0.0, mi.Point2f([0.1, 0.9, 0.3, 0.7], [0.2, 0.3, 0.8, 0.9])).n)
+    if np.abs(a + c - b - d).max() > 1e-6 * extent or np.ptp(normals, axis=1).max() > 1e-6:
+        return None
+    return np.array([a, b, c, d])
+
+
 def _rectangle(shape, emitter) -> tuple | None:
     # A parallelogram with one radiance all over: the case that has a closed form
-    if not str(shape).startswith("Rectangle") or "radiance.value" not in mi.traverse(emitter):
+    if "radiance.value" not in mi.traverse(emitter) or np.size(mi.traverse(emitter)["radiance.value"]) > 3:
         return None
-    if np.size(mi.traverse(emitter)["radiance.value"]) > 3:
+    corners = _parallelogram(shape)
+    if corners is None:
         return None
-    m = np.array(mi.traverse(shape)["to_world"].matrix, dtype=np.float64).reshape(4, 4)
-    corners = [(m @ [x, y, 0, 1])[:3] for x, y in ((-1, -1), (1, -1), (1, 1), (-1, 1))]
     normal = np.array(shape.sample_position(0.0, mi.Point2f(0.5)).n).ravel()[:3].astype(np.float64)
     if not np.isfinite(corners).all() or not np.isfinite(normal).all() or not np.linalg.norm(normal) > 0.5:
         return None
     winding = np.cross(corners[1] - corners[0], corners[2] - corners[0]) @ normal
     # Seen from the emitting side, corners must run counter-clockwise for the irradiance to be positive
     if winding > 0:
-        corners.reverse()
-    return corners, normal, emitter
+        corners = corners[::-1]
+    return list(corners), normal, emitter
 
 
 def collect(scene) -> Lights:
@@ -188,7 +211,7 @@ def collect(scene) -> Lights:
             surface = float(surface[0] if dr.width(surface) else 0.0) if not np.isscalar(surface) else float(surface)
             phi = _mean_radiance(emitter, shape) * surface
             rectangle = _rectangle(shape, emitter)
-            if re.match("Rectangle|Disk", str(shape)):
+            if rectangle is not None or re.match("Rectangle|Disk", str(shape)):
                 n = np.array(shape.sample_position(0.0, mi.Point2f(0.5)).n).ravel()[:3]
         ok = np.isfinite(c).all() and np.isfinite(r) and np.isfinite(phi) and np.isfinite(n).all()
         centre.append(c if ok else np.zeros(3))

@@ -11,6 +11,7 @@ from . import cells
 from .bounce import indirect
 from .camera import Frame, scramble
 from .points import net_1d, net_2d, shuffle
+from .proof import tolerance, unobstructed
 from .shading import Shading, Surface, rectangle_light, several_lights, single_light
 
 COUNTED_LIGHTS = 16  # with more lights than this, their visibility is not told apart
@@ -34,6 +35,7 @@ class Pilot:
     tried: list
     traced: object  # mi.UInt32, shadow rays
     reflected: object  # mi.UInt32, rays by BSDF sampling
+    proven: object  # mi.Float, radius within which of `point` nothing can stand before the light; 0 where unknown
 
 
 def to_rgb(value, wavelengths):
@@ -114,6 +116,10 @@ def pilot(shading: Shading, frame: Frame, seed, rays: int) -> Pilot:
     active = surface.active & (lights.count > 0)
     if dr.hint(several, mode="scalar"):
         active &= total > 0
+    proven, radius = mi.Bool(False), mi.Float(0)
+    if shading.blockers is not None:
+        radius = _footprint(frame, position, si)
+        proven = unobstructed(shading.blockers, surface.rectangle(), radius, active)
 
     seen, tried = cells.empty(16), cells.empty(16)
     light_seen, light_tried = cells.empty(16), cells.empty(16)
@@ -136,7 +142,7 @@ def pilot(shading: Shading, frame: Frame, seed, rays: int) -> Pilot:
                 u.x = dr.clip((target - before) / dr.maximum(weight_l, 1e-30), 0, 1 - 2**-20)
             ds, w = surface.emitter_sample(surface.emitter(l, active), u, active & (chance > 0))
             rho, useful = surface.integrand(ds, w, chance, active & (chance > 0))
-            lit = surface.visible(ds.p, useful)
+            lit = (useful & proven) | surface.visible(ds.p, useful & ~proven)
             cell = mi.UInt32(u.y * grid) * 4 + mi.UInt32(u.x * grid)
             tried, seen = cells.count(tried, cell, useful), cells.count(seen, cell, lit)
             if dr.hint(several, mode="scalar"):
@@ -144,7 +150,7 @@ def pilot(shading: Shading, frame: Frame, seed, rays: int) -> Pilot:
             all_sum += rho
             squares += dr.square(mi.luminance(to_rgb(rho * weight, ray.wavelengths)))
             lit_sum += dr.select(lit, rho, 0)
-            traced += dr.select(useful, mi.UInt32(1), mi.UInt32(0))
+            traced += dr.select(useful & ~proven, mi.UInt32(1), mi.UInt32(0))
             r += 1
     scale = mi.Float(1) / mi.Float(count)
     all_sum, lit_sum = all_sum * scale, lit_sum * scale
@@ -181,11 +187,34 @@ def pilot(shading: Shading, frame: Frame, seed, rays: int) -> Pilot:
         tried + (light_tried if several else []),
         traced,
         reflected,
+        dr.select(proven, radius, 0),
     )
 
 
+def _footprint(frame: Frame, position, si):
+    """How far from a hit its pixel can reach on the surface's plane, by rays one pixel off along both diagonals."""
+    reach = mi.Float(0)
+    for x, y in ((-1, -1), (1, -1), (-1, 1), (1, 1)):
+        ray, _ = frame.ray(position + mi.Vector2f(x, y))
+        t = dr.dot(si.p - ray.o, si.n) / dr.dot(ray.d, si.n)
+        reach = dr.maximum(reach, dr.select(t > 0, dr.norm(ray.o + t * ray.d - si.p), dr.inf))
+    return reach
+
+
+def _proven(shading: Shading, look: Pilot, index, surface: Surface):
+    """Whether a hit lies where its pixel's pilot has proven the light to be visible."""
+    if shading.blockers is None:
+        return mi.Bool(False)
+    d = surface.si.p - dr.gather(mi.Point3f, look.point, index)
+    n = dr.gather(mi.Normal3f, look.normal, index)
+    near = dr.squared_norm(d) < dr.square(dr.gather(mi.Float, look.proven, index))
+    # One plane, but for rounding
+    flat = dr.abs(dr.dot(d, n)) <= 0.5 * tolerance(surface.si.p)
+    return near & flat & (dr.squared_norm(n - surface.facing()) < 1e-12)
+
+
 @dr.syntax
-def spend(shading: Shading, frame: Frame, seed, index, s, decision, refine: bool):
+def spend(shading: Shading, frame: Frame, seed, index, s, look: Pilot, decision, refine: bool):
     """Render one more hit a lane.
 
     Parameters
@@ -195,6 +224,7 @@ def spend(shading: Shading, frame: Frame, seed, index, s, decision, refine: bool
     seed, index, s : mi.UInt32
         Render seed; each lane's pixel, and which of the pixel's hits it is. Lanes of one pixel lie side by side, so that
         a packet's rays start close together.
+    look : Pilot
     decision : Decision
     refine : bool
         Visit undecided light cells more often.
@@ -207,8 +237,8 @@ def spend(shading: Shading, frame: Frame, seed, index, s, decision, refine: bool
         1 where a surface was hit.
     position : mi.Point2f
         Film position.
-    traced, reflected : mi.UInt32
-        Shadow rays and BSDF rays.
+    traced, spared, reflected : mi.UInt32
+        Shadow rays, those that a proof of visibility made needless, and BSDF rays.
     """
     keys = scramble(index, seed, 1)
     mean = dr.gather(mi.Float, decision.mean, index)
@@ -222,11 +252,14 @@ def spend(shading: Shading, frame: Frame, seed, index, s, decision, refine: bool
 
     ray, si, emission, weight, position = first_hit(shading, frame, frame.corner(index), s, keys)
     surface = Surface(shading, si, si.is_valid(), rays)
-    value, full, traced, total = mi.Spectrum(0), mi.Spectrum(0), mi.UInt32(0), mi.Float(0)
+    value, full, total = mi.Spectrum(0), mi.Spectrum(0), mi.Float(0)
+    traced, spared = mi.UInt32(0), mi.UInt32(0)
     if dr.hint(shading.lights.count == 0, mode="scalar"):
         traced = mi.UInt32(0)
     elif dr.hint(shading.closed, mode="scalar"):
-        value, full, traced = rectangle_light(surface, guess, mask, mean, rays, s, keys[8], keys[9], refine)
+        value, full, traced, spared = rectangle_light(
+            surface, guess, mask, mean, rays, s, keys[8], keys[9], refine, _proven(shading, look, index, surface)
+        )
     elif dr.hint(shading.lights.count == 1, mode="scalar"):
         value, full, traced = single_light(surface, guess, mask, rays, s, keys[8], keys[9], refine)
     else:
@@ -246,5 +279,6 @@ def spend(shading: Shading, frame: Frame, seed, index, s, decision, refine: bool
         dr.select(si.is_valid(), mi.Float(1), mi.Float(0)),
         position,
         traced,
+        spared,
         reflected,
     )

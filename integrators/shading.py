@@ -19,7 +19,9 @@ import mitsuba as mi
 
 from . import cells
 from .lights import Lights, collect, importance, polygon_irradiance
+from .order import turn
 from .points import net_2d
+from .proof import collect_blockers
 
 FLOOR = 0.08  # sampling weight of a decided light cell, next to 1 for an undecided one
 
@@ -36,6 +38,8 @@ class Shading:
         Every surface is a plain (one- or two-sided) ``diffuse``.
     closed : bool
         The only light is a constant rectangle and every surface Lambertian: unshadowed light has a closed form.
+    blockers : Blockers or None
+        What may stand before that rectangle, if it is simple enough to tell where nothing does.
     integrator : mi.Integrator
     grid : int
         Light cells along each side.
@@ -49,6 +53,7 @@ class Shading:
     lights: Lights
     lambert: bool
     closed: bool
+    blockers: object = None
     integrator: object = None
     grid: int = 4
     depth: int = 2
@@ -68,7 +73,8 @@ def prepare(scene) -> Shading:
     bsdfs = [s.bsdf() for s in scene.shapes()]
     lambert = all(b is not None and _is_lambertian(b) for b in bsdfs)
     closed = lambert and lights.rectangle is not None and not mi.is_spectral
-    return Shading(scene, lights, lambert, closed)
+    blockers = collect_blockers(scene, lights.emitters[0]) if closed else None
+    return Shading(scene, lights, lambert, closed, blockers)
 
 
 def _lambert(si, bsdf, active):
@@ -187,14 +193,18 @@ class Rectangle:
 
 
 @dr.syntax
-def rectangle_light(surface: Surface, guess, mask, mean, rays, s, s0, s1, refine):
+def rectangle_light(surface: Surface, guess, mask, mean, rays, s, s0, s1, refine, proven):
     """Estimate a rectangle light at a Lambertian hit, around its closed form; arguments as in `single_light`.
 
     ``mean`` is the mean guess over the light. The control is ``g_c ρ``: its mean part is known exactly from the closed
-    form, the rest is summed over the cells.
+    form, the rest is summed over the cells. Where visibility is ``proven`` the closed form is all; the rays that were
+    not traced are returned too.
     """
     light = surface.rectangle()
-    full, traced = light.unshadowed(), mi.UInt32(0)
+    full, traced, spared = light.unshadowed(), mi.UInt32(0), mi.UInt32(0)
+    if dr.hint(not refine, mode="scalar"):
+        spared = dr.select(proven, rays, 0)
+        mean, rays = dr.select(proven, 1, mean), dr.select(proven, 0, rays)
     value = full * mean
     if dr.hint(refine, mode="scalar"):
         jitter = net_2d(s, s1, s0)
@@ -204,9 +214,9 @@ def rectangle_light(surface: Surface, guess, mask, mean, rays, s, s0, s1, refine
             rest += light.geometry(light.point(v)) * (cells.fraction(guess, c) - mean)
             c += 1
         value += rest * mi.Float(1 / 16)
-    r, acc = mi.UInt32(0), mi.Float(0)
+    r, acc, odd = mi.UInt32(0), mi.Float(0), turn(s, rays)
     while r < rays:
-        u = net_2d(s * rays + r, s0, s1)
+        u = net_2d(s * rays + (r ^ odd), s0, s1)
         density, g = mi.Float(1), mi.Float(mean)
         if dr.hint(refine, mode="scalar"):
             cell, u, density = cells.sample(mask, u, mi.Float(FLOOR))
@@ -218,7 +228,7 @@ def rectangle_light(surface: Surface, guess, mask, mean, rays, s, s0, s1, refine
         acc += rho * (dr.select(lit, mi.Float(1), mi.Float(0)) - g) / density
         traced += dr.select(useful, mi.UInt32(1), mi.UInt32(0))
         r += 1
-    return light.radiance * (value + acc / mi.Float(dr.maximum(rays, 1))), light.radiance * full, traced
+    return light.radiance * (value + acc / mi.Float(dr.maximum(rays, 1))), light.radiance * full, traced, spared
 
 
 @dr.syntax
@@ -264,9 +274,9 @@ def single_light(surface: Surface, guess, mask, rays, s, s0, s1, refine):
             c += 1
 
     # Rays correct the guess
-    r, acc = mi.UInt32(0), mi.Spectrum(0)
+    r, acc, odd = mi.UInt32(0), mi.Spectrum(0), turn(s, rays)
     while r < rays:
-        u = net_2d(s * rays + r, s0, s1)
+        u = net_2d(s * rays + (r ^ odd), s0, s1)
         density, g = mi.Float(1), mi.Float(0)
         if dr.hint(refine, mode="scalar"):
             cell, u, density = cells.sample(mask, u, mi.Float(FLOOR))

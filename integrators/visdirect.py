@@ -163,9 +163,9 @@ def define(base):
             # ``hits`` more in each pixel, after ``done``
             d = total.decision
             for refine in (False, True) if self.refine else (False,):
-                for index, s in assemble.batches(dr.select(d.refine == refine, hits, 0)):
+                for index, s in assemble.batches(dr.select(d.refine == refine, hits, 0), d.rays):
                     s += dr.gather(mi.UInt32, done, index)
-                    total.add(index, s, passes.spend(shading, total.frame, seed, index, s, d, refine))
+                    total.add(index, s, passes.spend(shading, total.frame, seed, index, s, total.pilot, d, refine))
 
         def _account(self, total, shading, clock, begin, image, error):
             rays, skipped, classes = total.account(shading, self.aovs)
