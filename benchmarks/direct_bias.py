@@ -48,7 +48,10 @@ def bias(s: Setup, spp: int = SPP, seeds: int = SEEDS) -> dict[str, dict]:
     out = {}
     for n, (a, b) in means.items():
         a, b = np.array(a), np.array(b)
-        level = max(b.mean(), 1e-12)
+        level = b.mean()
+        # Relative to what light there is: a class without any has no relative bias
+        if level < 1e-5 * np.mean(means["all"][1]):
+            continue
         deviation = np.sqrt((a.var(ddof=1) + b.var(ddof=1)) / seeds)
         difference = a.mean() - b.mean()
         z = difference / deviation if deviation > 0 else 0.0

@@ -24,6 +24,7 @@ from .lines import NOWHERE, first_line, panel, row_of, span
 BLOCK = 16  # samples stepped over at once, at most the bits of a word
 GROUP = 16  # blocks stepped over at once
 SKIPPING, EVERY, EVERY_FLOAT32, TREE = range(4)
+ALL = 2**62  # samples: no limit
 BUDGET = 24  # horizons a point for which room is made at first
 PROBES = 2  # panels on which both are tried before choosing
 TREE_COST = 20.0  # of a convexity check, in samples that blocks look at; measured on the paper's four fields
@@ -76,7 +77,7 @@ def _ends(count, starts, words, receiver, heights, at, counts, totals, offsets, 
 
 
 @nb.njit(cache=True)
-def search(heights, reach, how, room, counts, totals, offsets, overs):
+def search(heights, reach, how, room, most, counts, totals, offsets, overs):
     """Find the horizons of every sample of a panel.
 
     Parameters
@@ -89,6 +90,8 @@ def search(heights, reach, how, room, counts, totals, offsets, overs):
         `SKIPPING`, `EVERY` or `EVERY_FLOAT32` (the fastest naive method, without exact ties: a baseline).
     room : int
         Entries of `offsets` after which to give up.
+    most : int
+        Samples looked at after which to stop, as nobody needs the rest.
     counts, totals : (n, LANES) int32, int64 arrays
         Horizons of each sample and the sum of their distances in samples, written.
     offsets, overs : (m,) int32, float32 arrays
@@ -153,6 +156,8 @@ def search(heights, reach, how, room, counts, totals, offsets, overs):
             k = stop
         if used > room:
             return -1, looked
+        if looked > most:
+            return used, looked
         after = _ends(q, starts, words, receiver, heights, used, counts, totals, offsets, overs)
         if len(offsets):
             used = after
@@ -184,7 +189,7 @@ def _panels(heights, order, slope, first, bend, reach, how, budget, counts, tota
             if how == TREE:
                 used[p], looked[p] = tree.search(sheet, limit, c, t, offsets[p], overs[p])
             else:
-                used[p], looked[p] = search(sheet, reach, how, limit, c, t, offsets[p], overs[p])
+                used[p], looked[p] = search(sheet, reach, how, limit, ALL, c, t, offsets[p], overs[p])
             if used[p] >= 0:
                 for x in range(a, b):
                     for lane in range(LANES):
@@ -233,8 +238,10 @@ def _probe(heights, slope, first, bend):
             c, t = np.empty((b - a, LANES), np.int32), np.empty((b - a, LANES), np.int64)
             none, nought = np.empty(0, np.int32), np.empty(0, np.float32)
             found[probe, 0] = tree.search(sheet, 1, c, t, none, nought)[1]
-            found[probe, 1] = search(sheet, b - a, SKIPPING, 1, c, t, none, nought)[1]
             found[probe, 2] = (b - a) * LANES
+            # Blocks need not be followed much farther than to where the tree has won
+            most = 2 * max(int(TREE_COST * found[probe, 0] + POINT_COST * found[probe, 2]), found[probe, 2])
+            found[probe, 1] = search(sheet, b - a, SKIPPING, 1, most, c, t, none, nought)[1]
     return found.sum(axis=0)
 
 
