@@ -84,20 +84,20 @@ def planes(grid: np.ndarray, s: int, fill: float | None = None) -> np.ndarray:
 
     Parameters
     ----------
-    grid : (s · m, s · n) or (s · m + 1, s · n + 1) array
-        Cells, or samples.
+    grid : (s · n, s · m) or (s · n + 1, s · m + 1) array
+        Cells, or samples, as `Direction.lay` lays them: columns first.
     fill : float, optional
-        Put `march.BLOCK` columns of this number beyond the border.
+        Put `march.BLOCK` rows of this number beyond the border.
 
     Returns
     -------
-    (s², m, n) or (s², m + 1, n + 1) array
-        With ``fill`` where a sample between two grid points has none beyond the border, and n by `march.BLOCK` greater.
+    (s², n, m) or (s², n + 1, m + 1) array
+        With ``fill`` where a sample between two grid points has none beyond the border, and m by `march.BLOCK` greater.
     """
     if fill is None and s == 1:
         return packed(grid)[None]
-    rows, columns = -(-grid.shape[0] // s), -(-grid.shape[1] // s)
-    out = np.full((s * s, rows, columns + (0 if fill is None else march.BLOCK)), 0 if fill is None else fill, grid.dtype)
+    columns, rows = -(-grid.shape[0] // s), -(-grid.shape[1] // s)
+    out = np.full((s * s, columns, rows + (0 if fill is None else march.BLOCK)), 0 if fill is None else fill, grid.dtype)
     for a in range(s):
         for b in range(s):
             part = packed(grid[a::s, b::s])
@@ -106,9 +106,30 @@ def planes(grid: np.ndarray, s: int, fill: float | None = None) -> np.ndarray:
 
 
 def undeal(parts: np.ndarray, s: int) -> np.ndarray:
-    """Undo `planes` for cells: (s², m, n) to (s · m, s · n)."""
-    _, rows, columns = parts.shape
-    return parts.reshape(s, s, rows, columns).transpose(2, 0, 3, 1).reshape(s * rows, s * columns)
+    """Undo `planes` for cells: (s², n, m) to (s · n, s · m)."""
+    _, columns, rows = parts.shape
+    return parts.reshape(s, s, columns, rows).transpose(2, 0, 3, 1).reshape(s * columns, s * rows)
+
+
+def bordered(parts: np.ndarray, s: int) -> np.ndarray:
+    """Give triangles a row before the first and one behind the last: rays along the border see the one triangle there.
+
+    Parameters
+    ----------
+    parts : (2 · s², n, m) array
+        Planes of the triangles south-west of the diagonals, then of the others.
+
+    Returns
+    -------
+    (2 · s², n, m + 1 + `march.BLOCK`) array
+        0 behind; as wide as `planes` makes the samples, so that one place means the same cell in both.
+    """
+    _, columns, rows = parts.shape
+    out = np.zeros((2, s, s, columns, rows + 1 + march.BLOCK), parts.dtype)
+    out[..., 1 : rows + 1] = parts.reshape(2, s, s, columns, rows)
+    out[:, :, s - 1, :, 0] = out[::-1, :, 0, :, 1]
+    out[:, :, 0, :, rows + 1] = out[::-1, :, s - 1, :, rows]
+    return out.reshape(2 * s * s, columns, -1)
 
 
 def centroid(d: Direction, kind: int) -> tuple[float, float]:
@@ -166,7 +187,7 @@ def _followed(offset, distance, slope, s, y, x, flip_rows, flip_columns, transpo
     for n in range(len(offset)):
         for end in range(2):
             r, c = offset[n, 2 * end], offset[n, 2 * end + 1]
-            edges[n, 3 * end], edges[n, 3 * end + 1], edges[n, 3 * end + 2] = (r % s) * s + c % s, r // s, c // s
+            edges[n, 3 * end], edges[n, 3 * end + 1], edges[n, 3 * end + 2] = (c % s) * s + r % s, r // s, c // s
         middle = (before + distance[n]) / 2
         before = distance[n]
         v, u = y + slope * middle, x + middle
@@ -176,5 +197,5 @@ def _followed(offset, distance, slope, s, y, x, flip_rows, flip_columns, transpo
         v, u = (1 - v if flip_rows else v), (1 - u if flip_columns else u)
         v, u = (u, v) if transpose else (v, u)
         kind = 0 if v > u else 1
-        triangles[n, 0], triangles[n, 1], triangles[n, 2] = (kind * s + r % s) * s + c % s, r // s, c // s
+        triangles[n, 0], triangles[n, 1], triangles[n, 2] = (kind * s + c % s) * s + r % s, r // s, c // s
     return edges, triangles

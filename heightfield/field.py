@@ -12,7 +12,7 @@ import numpy as np
 
 from ..errors import InputError
 from ..report import Report
-from . import hull, intervisibility, light, march, surface, transport
+from . import hull, intervisibility, light, march, skip, surface, transport
 from . import points as rays
 from .check import choice, grid, number, reals, shown, spacing_of, watcher
 from .sources import path_of
@@ -375,19 +375,24 @@ class HeightField:
         # Tangents of the horizons, a direction at a time; the same direction twice is looked at once
         choice("method", method, METHODS)
         watcher(progress)
-        before, way, turned = (None, None), None, None
+        before, way = (None, None), None
         for n, azimuth in enumerate(azimuths):
             if azimuth != before[0]:
                 d, looked = direction(azimuth, self.spacing), []
                 reach = self._reach(d)
                 if way != (d.transpose, d.flip_rows, d.flip_columns):
-                    way, turned = (d.transpose, d.flip_rows, d.flip_columns), packed(d.turn(self._turned))
-                if method == "march" or reach is not None or turned.shape[1] > hull.LONGEST:
-                    t = march.horizons(turned, d, self.curve, reach, looked)
+                    # The same for all directions of an eighth of the circle
+                    way = d.transpose, d.flip_rows, d.flip_columns
+                    laid = skip.lay(self._turned, d) if method == "auto" else packed(d.turn(self._turned))
+                shape = d.turn(self._turned).shape
+                if method == "auto":
+                    t = d.lift(skip.horizons(laid, d, self.curve, reach, looked))
+                elif method == "march" or reach is not None or shape[1] > hull.LONGEST:
+                    t = d.back(march.horizons(laid, d, self.curve, reach, looked))
                 else:
-                    t = hull.horizons(turned, d, self.curve, tally=looked)
-                self.tally.add(sum(looked), march.naive(d, turned.shape, reach), turned.size)
-                before = (azimuth, packed(d.back(t)))
+                    t = d.back(hull.horizons(laid, d, self.curve, tally=looked))
+                self.tally.add(sum(looked), march.naive(d, shape, reach), self._turned.size)
+                before = (azimuth, packed(t))
             yield before[1]
             if progress:
                 progress(n + 1, len(azimuths))

@@ -15,8 +15,8 @@ import numba as nb
 import numpy as np
 
 from .lanes import LANES
-from .lanes_light import ALONG, BEST, MINE, SEEN, UP, cross, shine, start
-from .march import BLOCK
+from .lanes_light import ALONG, BEST, MINE, UP, cross, shine, start, worth
+from .skip import SIZES, leaves, seek
 
 NODES = 2048  # of the sky's table over elevation
 
@@ -39,104 +39,86 @@ def _elevation(t):
     return -e if t < 0 else e
 
 
-@nb.njit(cache=True, inline="always")
-def _weight(t, nz, a):
-    # W at the elevation whose tangent is t
-    c = np.float32(1) / (np.float32(1) + t * t)
-    return np.float32(0.5) * (nz * t * t * c + a * (_elevation(t) + t * c))
+@nb.njit(cache=True)
+def _strip(
+    heights, stride, edge, top, light, image, triangles, feet, slack, share, own, nz, a, horizon, out, i,
+    first, second, weight, scale, drop, upto, down, inverse, fall, tops, begins,
+):  # fmt: skip
+    # `surface` for receivers in rows ``i`` to ``i + 15``
+    leave, channels = leaves(down, stride, i), len(out)
+    work, sums = np.zeros((6, LANES), np.float32), np.empty((channels, LANES), np.float32)
+    flat, mine, best = work.ravel(), MINE * LANES, BEST * LANES
+    steps = 0
+    for x in range(own.shape[0]):
+        work[BEST], work[MINE] = horizon[x, i : i + LANES], own[x, i : i + LANES]
+        work[UP], work[ALONG] = nz[x, i : i + LANES], a[x, i : i + LANES]
+        start(work)
+        sums[:] = 0
+        place, last = x * stride + i, min(edge - x, leave)
+        # To the first whole stretch all is looked at
+        begin, k = 0, min(SIZES[0] - (x & (SIZES[0] - 1)), last)
+        while True:
+            end = upto[k]
+            for n in range(begin, end):
+                # The triangle on which the receiver itself lies sends it nothing
+                if cross(work, heights, place + first[n], place + second[n], weight[n], scale[n], drop[n]) and n >= feet:
+                    for m in range(channels):
+                        shine(work, light, m * image + place + triangles[n], sums[m])
+            steps += end - begin
+            k, tests = seek(down, inverse, fall, tops, begins, stride, x, i, k, last, flat, mine, flat, best)
+            steps += tests
+            if k == last or (slack > 0 and not worth(work, top, inverse[k], fall[k], slack)):
+                break
+            begin, k = upto[k], min(k + SIZES[0], last)
+        horizon[x, i : i + LANES] = work[BEST]
+        for m in range(channels):
+            out[m, x, i : i + LANES] += share * sums[m]
+    return steps
 
 
-@nb.njit(cache=True, parallel=True, fastmath={"nsz", "contract", "reassoc"})
-def surface(
-    heights, radiance, own, nz, a, edges, weight, distance, triangles, others, feet, step, curve, slack, share, horizon, out
-):
+@nb.njit(cache=True, parallel=True)
+def surface(laid, radiance, own, nz, a, way, triangles, feet, slack, share, horizon, out, receivers):
     """Add to ``out`` the irradiance per radian of azimuth that the surface sends along one direction's rays.
 
     Parameters
     ----------
-    heights : (S², rows, columns + BLOCK) float32 array
-        Turned heights, centred, as `faces.planes` deals them, with `march.ABYSS` beyond the border.
-    radiance : (channels, 2 · S², rows − 1, columns − 1 + BLOCK) float32 array
-        Of the triangles, 0 beyond the border.
+    laid : (S², columns, rows + margin) float32 array
+        Turned heights, centred, as `faces.planes` deals them.
+    radiance : (channels, 2 · S², columns − 1, rows + margin) float32 array
+        Of the triangles, a row before the first and one behind the last, as `faces.bordered` has them.
     own, nz, a : (m, n) float32 arrays
-        The receivers' heights, and their normals' components upwards and along the direction.
-    edges, weight, distance, triangles
-        As `faces.Ray` has them.
-    others : (n, 3) int32 array
-        For rays along edges the triangles on the other side; the same ones elsewhere.
-    feet : bool
-        Whether receivers lie within triangles, which send them nothing.
-    step : float
-        Metres per column.
-    curve : float
-        Drop of the Earth's surface over squared distance, 1/m.
+        The receivers' heights, and their normals' components upwards and along the direction; columns lie first, n is a
+        multiple of 16.
+    way : skip.Way
+    triangles : (l,) int64 array
+        Place in ``radiance`` of the triangle before each crossing, from the receiver's cell.
+    feet : int
+        1 if receivers lie within triangles, which send them nothing; else 0.
     slack : float
         Stop where all that may still appear weighs less than this, over all receivers side by side.
     share : float
         Factor of what is added.
     horizon : (m, n) float32 array
-        Tangents below which the receiver's own plane hides everything; of its horizon afterwards.
+        Tangents below which the receiver's own plane hides everything, infinite for what is no receiver; of its horizon
+        afterwards.
     out : (channels, m, n) float32 array
+    receivers : int
+        Rows of receivers.
 
     Returns
     -------
     int
-        Crossings looked at, over all receivers.
+        Crossings looked at and tests of stretches, over all receivers.
     """
-    rows, columns = heights.shape[1], heights.shape[2] - BLOCK
-    channels, last = len(radiance), radiance.shape[2] - 1
-    top, looked = heights[0].max(), 0
-    for i in nb.prange(own.shape[0]):
-        work = np.zeros((6, BLOCK), np.float32)
-        gather = np.empty((channels, BLOCK), np.float32)
-        for j0 in range(0, own.shape[1], BLOCK):
-            size = min(BLOCK, own.shape[1] - j0)
-            # Beyond the row's end nobody sees anything
-            work[BEST] = np.inf
-            for j in range(size):
-                work[BEST, j], work[MINE, j] = horizon[i, j0 + j], own[i, j0 + j]
-                work[UP, j], work[ALONG, j] = nz[i, j0 + j], a[i, j0 + j]
-            groups = (size + LANES - 1) // LANES
-            for g in range(groups):
-                start(work, g)
-            gather[:] = 0
-            for n in range(len(distance)):
-                ra, ca, rb, cb = i + edges[n, 1], j0 + edges[n, 2], i + edges[n, 4], j0 + edges[n, 5]
-                if ra >= rows or rb >= rows or ca >= columns or cb >= columns:
-                    break
-                w = np.float32(weight[n])
-                scale = np.float32(1.0 / (distance[n] * step))
-                drop = np.float32(curve * distance[n] * step)
-                if n % 16 == 15:
-                    # Nothing beyond can rise above anybody's horizon
-                    more = False
-                    for j in range(size):
-                        more |= (top - work[MINE, j]) * scale - drop > work[BEST, j]
-                    if more and slack > 0:
-                        # Nor add more than is worth it
-                        more = False
-                        for j in range(size):
-                            highest = max((top - work[MINE, j]) * scale - drop, work[BEST, j])
-                            more |= _weight(highest, work[UP, j], work[ALONG, j]) - work[SEEN, j] > slack
-                    if not more:
-                        break
-                looked += min(size, columns - max(ca, cb))
-                p, q = heights[edges[n, 0], ra, ca : ca + BLOCK], heights[edges[n, 3], rb, cb : cb + BLOCK]
-                kind, r, c = triangles[n, 0], i + triangles[n, 1], j0 + triangles[n, 2]
-                if r < 0 or r > last:
-                    # Along the border there is a triangle on one side only
-                    kind, r, c = others[n, 0], i + others[n, 1], j0 + others[n, 2]
-                # The triangle on which the receiver itself lies sends it nothing
-                shines = n > 0 or not feet
-                for g in range(groups):
-                    if cross(work, g, p, q, w, scale, drop) and shines:
-                        for m in range(channels):
-                            shine(work, g, radiance[m, kind, r, c : c + BLOCK], gather[m])
-            for j in range(size):
-                horizon[i, j0 + j] = work[BEST, j]
-            for m in range(channels):
-                for j in range(size):
-                    out[m, i, j0 + j] += share * gather[m, j]
+    heights, light, image, strips = laid.ravel(), radiance.ravel(), radiance[0].size, own.shape[1] // LANES
+    top, half, looked = heights.max(), (strips + 1) // 2, 0
+    first, second, weight, scale, drop, upto, down, inverse, fall, tops, begins = way
+    for t in nb.prange(strips):
+        i = LANES * (2 * t if t < half else 2 * (t - half) + 1)
+        looked += min(LANES, receivers - i) * _strip(
+            *(heights, laid.shape[2], laid.shape[1] - 1, top, light, image, triangles, feet, slack, share),
+            *(own, nz, a, horizon, out, i, first, second, weight, scale, drop, upto, down, inverse, fall, tops, begins),
+        )
     return looked
 
 

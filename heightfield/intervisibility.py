@@ -19,7 +19,8 @@ import numpy as np
 
 from . import tree
 from .lanes import FAR_BELOW, LANES, look, lowest_bit, march, next_rise
-from .lines import NOWHERE, first_line, panel, row_of, span
+from .lines import NOWHERE, first_line, lay, panel, points, span
+from .sweep import packed
 
 BLOCK = 16  # samples stepped over at once, at most the bits of a word
 GROUP = 16  # blocks stepped over at once
@@ -165,13 +166,13 @@ def search(heights, reach, how, room, most, counts, totals, offsets, overs):
 
 
 @nb.njit(cache=True, parallel=True)
-def _panels(heights, order, slope, first, bend, reach, how, budget, counts, totals):
-    """Search all lines, a panel a thread; fill ``counts`` and ``totals`` (flat grid order), return what was found.
+def _panels(laid, slope, first, bend, reach, how, budget, counts, totals):
+    """Search all lines, a panel a thread; fill ``counts`` and ``totals`` (laid as the field is), return what was found.
 
     ``budget`` is the room to make a point, 0 to count only. Returns the horizons' offsets and overs panel by panel, where
     each panel's end, and how much was looked at; ends of -1 mean that room ran out.
     """
-    rows, columns = heights.shape
+    columns, rows = counts.shape
     panels = (rows - first + LANES - 1) // LANES
     # One sample's worth to spare: room is checked once a sample
     spare = LANES * columns
@@ -184,7 +185,7 @@ def _panels(heights, order, slope, first, bend, reach, how, budget, counts, tota
         a, b = span(line, LANES, slope, rows, columns)
         if b > a:
             sheet = np.empty((b - a, LANES), np.float32)
-            panel(heights, line, slope, a, b, bend, sheet)
+            panel(laid, line, slope, a, b, bend, sheet)
             c, t = np.empty((b - a, LANES), np.int32), np.empty((b - a, LANES), np.int64)
             if how == TREE:
                 used[p], looked[p] = tree.search(sheet, limit, c, t, offsets[p], overs[p])
@@ -192,41 +193,38 @@ def _panels(heights, order, slope, first, bend, reach, how, budget, counts, tota
                 used[p], looked[p] = search(sheet, reach, how, limit, ALL, c, t, offsets[p], overs[p])
             if used[p] >= 0:
                 for x in range(a, b):
-                    for lane in range(LANES):
-                        i = row_of(line + lane, slope, x)
-                        if 0 <= i < rows:
-                            counts[order[i, x]], totals[order[i, x]] = c[x - a, lane], t[x - a, lane]
+                    i, lo, hi = points(line, slope, x, rows)
+                    if hi > lo:
+                        counts[x, i + lo : i + hi], totals[x, i + lo : i + hi] = c[x - a, lo:hi], t[x - a, lo:hi]
     return offsets, overs, used, looked
 
 
 @nb.njit(cache=True, parallel=True)
 def _deliver(order, slope, first, step, curve, counts, starts, offsets, overs, distances, angles):
     # Move every panel's horizons to their points' places, as metres and radians
-    rows, columns = order.shape
+    (columns, rows), (origin, down, along) = counts.shape, order
     for p in nb.prange(len(offsets)):
         line = first + LANES * p
         a, b = span(line, LANES, slope, rows, columns)
         n = 0
         for x in range(a, b):
-            for lane in range(LANES):
-                i = row_of(line + lane, slope, x)
-                if 0 <= i < rows:
-                    point = order[i, x]
-                    at = starts[point]
-                    for _ in range(counts[point]):
-                        k = offsets[p, n]
-                        d = k * step
-                        # The panel is bent from its first column; seen from the point, the surface falls by the square
-                        bent = overs[p, n] + curve * step * step * (2.0 * (x - a) + k) * k
-                        distances[at] = d
-                        angles[at] = np.arctan(bent / d - curve * d)
-                        at, n = at + 1, n + 1
+            begin, lo, hi = points(line, slope, x, rows)
+            for i in range(begin + lo, begin + hi):
+                at = starts[origin + i * down + x * along]
+                for _ in range(counts[x, i]):
+                    k = offsets[p, n]
+                    d = k * step
+                    # The panel is bent from its first column; seen from the point, the surface falls by the square
+                    bent = overs[p, n] + curve * step * step * (2.0 * (x - a) + k) * k
+                    distances[at] = d
+                    angles[at] = np.arctan(bent / d - curve * d)
+                    at, n = at + 1, n + 1
 
 
 @nb.njit(cache=True, parallel=True)
-def _probe(heights, slope, first, bend):
+def _probe(laid, slope, first, bend):
     # Convexity checks, samples looked at by blocks, and points, on a few panels spread over the field
-    rows, columns = heights.shape
+    columns, rows = laid.shape[0], laid.shape[1] - 2
     panels = (rows - first + LANES - 1) // LANES
     found = np.zeros((PROBES, 3), np.int64)
     for probe in nb.prange(PROBES):
@@ -234,7 +232,7 @@ def _probe(heights, slope, first, bend):
         a, b = span(line, LANES, slope, rows, columns)
         if b > a:
             sheet = np.empty((b - a, LANES), np.float32)
-            panel(heights, line, slope, a, b, bend, sheet)
+            panel(laid, line, slope, a, b, bend, sheet)
             c, t = np.empty((b - a, LANES), np.int32), np.empty((b - a, LANES), np.int64)
             none, nought = np.empty(0, np.int32), np.empty(0, np.float32)
             found[probe, 0] = tree.search(sheet, 1, c, t, none, nought)[1]
@@ -245,10 +243,10 @@ def _probe(heights, slope, first, bend):
     return found.sum(axis=0)
 
 
-def _sooner(turned, d, first, curve):
+def _sooner(laid, d, first, curve):
     # The tree or blocks, whichever will be sooner on this field
-    checks, looked, points = _probe(turned, d.slope, first, curve * d.step**2)
-    return TREE if TREE_COST * checks + POINT_COST * points < looked else SKIPPING
+    checks, looked, samples = _probe(laid, d.slope, first, curve * d.step**2)
+    return TREE if TREE_COST * checks + POINT_COST * samples < looked else SKIPPING
 
 
 def local_horizons(d, heights, curve: float = 0.0, reach: int | None = None, method: str = "auto"):
@@ -277,25 +275,27 @@ def local_horizons(d, heights, curve: float = 0.0, reach: int | None = None, met
     naive : int
         Samples that the naive method looks at.
     """
-    turned, order, first = _turned(d, heights)
+    laid = lay(heights, d)
+    shape = d.turn(heights).shape
+    first = first_line(d.slope, shape[1])
     if method == "march":
         how = EVERY
     elif reach is not None:
         how = SKIPPING
     else:
-        how = TREE if method == "tree" else _sooner(turned, d, first, curve)
-    counts, totals = (np.zeros(heights.size, dtype=t) for t in (np.int32, np.int64))
-    far, bend, budget = turned.shape[1] if reach is None else reach, curve * d.step**2, BUDGET
+        how = TREE if method == "tree" else _sooner(laid, d, first, curve)
+    counts, sums = (np.zeros(shape[::-1], dtype=t) for t in (np.int32, np.int64))
+    far, bend, budget = shape[1] if reach is None else reach, curve * d.step**2, BUDGET
     while True:
-        found = _panels(turned, order, d.slope, first, bend, far, how, budget, counts, totals)
+        found = _panels(laid, d.slope, first, bend, far, how, budget, counts, sums)
         if found[2].min() >= 0:
             break
         budget *= 2
     starts = np.zeros(heights.size + 1, dtype=np.int64)
-    np.cumsum(counts, out=starts[1:])
+    np.cumsum(packed(d.lift(counts)).ravel(), out=starts[1:])
     distances, angles = (np.empty(starts[-1], dtype=np.float32) for _ in range(2))
-    _deliver(order, d.slope, first, d.step, curve, counts, starts, found[0], found[1], distances, angles)
-    return starts, distances, angles, int(found[3].sum()), _naive(turned.shape, d.slope, far)
+    _deliver(_order(d, heights.shape), d.slope, first, d.step, curve, counts, starts, found[0], found[1], distances, angles)
+    return starts, distances, angles, int(found[3].sum()), _naive(shape, d.slope, far)
 
 
 def totals(d, heights, curve: float = 0.0, how: int | None = None):
@@ -314,11 +314,12 @@ def totals(d, heights, curve: float = 0.0, how: int | None = None):
     totals : (rows · columns,) int64 array
     looked : int
     """
-    turned, order, first = _turned(d, heights)
-    how = _sooner(turned, d, first, curve) if how is None else how
-    counts, sums = (np.zeros(heights.size, dtype=t) for t in (np.int32, np.int64))
-    found = _panels(turned, order, d.slope, first, curve * d.step**2, turned.shape[1], how, 0, counts, sums)
-    return counts, sums, int(found[3].sum())
+    laid = lay(heights, d)
+    first = first_line(d.slope, len(laid))
+    how = _sooner(laid, d, first, curve) if how is None else how
+    counts, sums = (np.zeros(d.lay(heights).shape, dtype=t) for t in (np.int32, np.int64))
+    found = _panels(laid, d.slope, first, curve * d.step**2, len(laid), how, 0, counts, sums)
+    return *(packed(d.lift(v)).ravel() for v in (counts, sums)), int(found[3].sum())
 
 
 def _naive(shape, slope, reach):
@@ -334,7 +335,11 @@ def _naive(shape, slope, reach):
     return total
 
 
-def _turned(d, heights):
-    order = np.ascontiguousarray(d.turn(np.arange(heights.size).reshape(heights.shape)))
-    turned = np.ascontiguousarray(d.turn(heights), dtype=np.float32)
-    return turned, order, first_line(d.slope, turned.shape[1])
+def _order(d, shape):
+    # Where the first point of the turned grid lies in the flat grid, north up, and how far its rows and columns lie apart
+    sizes, steps = list(shape), [shape[1], 1]
+    if d.transpose:
+        sizes, steps = sizes[::-1], steps[::-1]
+    flips = d.flip_rows, d.flip_columns
+    origin = sum((size - 1) * step for size, step, flip in zip(sizes, steps, flips, strict=True) if flip)
+    return origin, *(-step if flip else step for step, flip in zip(steps, flips, strict=True))

@@ -38,6 +38,16 @@ def _load(builder, pointer, bytes_each=4):
     return builder.load(pointer, align=bytes_each)
 
 
+def address(context, builder, kind, value, place):
+    """Return the address of element ``place`` of a contiguous array."""
+    return builder.gep(context.make_array(kind)(context, builder, value=value).data, [place])
+
+
+def sixteen(context, builder, kind, value, place):
+    """Load elements ``place`` to ``place + 15`` of a contiguous float32 array."""
+    return _load(builder, builder.bitcast(address(context, builder, kind, value, place), ir.PointerType(_F32)))
+
+
 def _any(builder, mask):
     whole = builder.bitcast(mask, ir.IntType(LANES))
     return builder.icmp_unsigned("!=", whole, ir.Constant(ir.IntType(LANES), 0))

@@ -7,9 +7,9 @@ from numba import types
 from numba.core import cgutils
 from numba.extending import intrinsic
 
-from .lanes import _F32, LANES, _any, _load, _pointer, _splat
+from .lanes import _F32, LANES, _any, _load, _pointer, _splat, sixteen
 
-BEST, MINE, UP, ALONG, SEEN, GAIN = range(6)  # rows of a block's working memory
+BEST, MINE, UP, ALONG, SEEN, GAIN = range(6)  # rows of the working memory
 FUSED = ("contract",)
 
 # Minimax polynomial of the arc tangent over [0, 1], absolute error 2e-6
@@ -42,9 +42,9 @@ def _weight(builder, t, nz, a):
 
 
 @intrinsic
-def start(typingctx, work, group):
-    """Set what receivers ``16 · group`` and on have seen, `SEEN`, to W at their horizons `BEST`."""
-    sig = types.void(work, types.intp)
+def start(typingctx, work):
+    """Set what the receivers have seen, row `SEEN`, to W at their horizons, row `BEST`."""
+    sig = types.void(work)
 
     def generate(context, builder, signature, arguments):
         row = _rows(context, builder, signature.args[0], *arguments)
@@ -55,18 +55,18 @@ def start(typingctx, work, group):
 
 
 @intrinsic
-def cross(typingctx, work, group, p, q, weight, scale, drop):
-    """Let receivers ``16 · group`` and on look at the crossing between samples ``p`` and ``q`` (float32 rows of a block).
+def cross(typingctx, work, heights, first, second, weight, scale, drop):
+    """Let the receivers look at a crossing, between ``heights[first]`` and ``heights[second]`` and those that follow.
 
-    Where it stands above the horizon, that is raised and `GAIN` is the difference of W, else 0. Returns whether any gained.
+    Where it stands above the horizon, that is raised and row `GAIN` is the difference of W, else 0. Returns whether any did.
     """
-    sig = types.boolean(work, types.intp, p, q, types.float32, types.float32, types.float32)
+    sig = types.boolean(work, heights, types.intp, types.intp, types.float32, types.float32, types.float32)
 
     def generate(context, builder, signature, arguments):
-        work, group, p, q, weight, scale, drop = arguments
+        work, heights, first, second, weight, scale, drop = arguments
         kinds = signature.args
-        row = _rows(context, builder, kinds[0], work, group)
-        a, b = (_load(builder, _pointer(context, builder, kinds[k], v, _F32, group)) for k, v in ((2, p), (3, q)))
+        row = _rows(context, builder, kinds[0], work)
+        a, b = (sixteen(context, builder, kinds[1], heights, v) for v in (first, second))
         weight, scale, drop = (_splat(builder, v, _F32) for v in (weight, scale, drop))
         height = builder.fadd(a, builder.fmul(weight, builder.fsub(b, a), flags=FUSED), flags=FUSED)
         over = builder.fmul(builder.fsub(height, _load(builder, row(MINE))), scale, flags=FUSED)
@@ -86,28 +86,42 @@ def cross(typingctx, work, group, p, q, weight, scale, drop):
 
 
 @intrinsic
-def shine(typingctx, work, group, light, out):
-    """Add the gain of receivers ``16 · group`` and on times ``light`` to ``out`` (float32 rows of a block)."""
-    sig = types.void(work, types.intp, light, out)
+def shine(typingctx, work, light, place, out):
+    """Add the receivers' gain times ``light[place]`` and those that follow to ``out``, (16,) float32."""
+    sig = types.void(work, light, types.intp, out)
 
     def generate(context, builder, signature, arguments):
-        work, group, light, out = arguments
+        work, light, place, out = arguments
         kinds = signature.args
-        gain = _load(builder, _rows(context, builder, kinds[0], work, group)(GAIN))
-        radiance = _load(builder, _pointer(context, builder, kinds[2], light, _F32, group))
-        at = _pointer(context, builder, kinds[3], out, _F32, group)
+        gain = _load(builder, _rows(context, builder, kinds[0], work)(GAIN))
+        radiance = sixteen(context, builder, kinds[1], light, place)
+        at = _pointer(context, builder, kinds[3], out, _F32)
         builder.store(builder.fadd(_load(builder, at), builder.fmul(gain, radiance, flags=FUSED), flags=FUSED), at, align=4)
 
     return sig, generate
 
 
-def _rows(context, builder, kind, work, group):
-    # Address of a group in each row of the working memory
-    array = context.make_array(kind)(context, builder, value=work)
-    groups = builder.udiv(cgutils.unpack_tuple(builder, array.shape)[1], ir.Constant(group.type, LANES))
+@intrinsic
+def worth(typingctx, work, top, near, fall, slack):
+    """Whether a surface up to height ``top`` may add more than ``slack`` to W of any receiver, from ``near`` (inverse) on."""
+    sig = types.boolean(work, types.float32, types.float32, types.float32, types.float32)
 
+    def generate(context, builder, signature, arguments):
+        work, top, near, fall, slack = arguments
+        row = _rows(context, builder, signature.args[0], work)
+        top, near, fall, slack = (_splat(builder, v, _F32) for v in (top, near, fall, slack))
+        rise = builder.fsub(builder.fmul(builder.fsub(top, _load(builder, row(MINE))), near), fall)
+        best = _load(builder, row(BEST))
+        rise = builder.select(builder.fcmp_ordered(">", rise, best), rise, best)
+        total = _weight(builder, rise, _load(builder, row(UP)), _load(builder, row(ALONG)))
+        return _any(builder, builder.fcmp_ordered(">", builder.fsub(total, _load(builder, row(SEEN))), slack))
+
+    return sig, generate
+
+
+def _rows(context, builder, kind, work):
+    # Address of each row of the working memory, (6, 16) float32
     def row(k):
-        place = builder.add(builder.mul(groups, ir.Constant(group.type, k)), group)
-        return _pointer(context, builder, kind, work, _F32, place)
+        return _pointer(context, builder, kind, work, _F32, ir.Constant(ir.IntType(64), k))
 
     return row

@@ -24,25 +24,7 @@ def first_line(slope: float, columns: int) -> int:
 @nb.njit(cache=True, inline="always")
 def row_of(line, slope, column):
     """Return the row of the grid point that a line stands for in a column; it may lie beyond the border."""
-    return int(np.floor(line + slope * column + 0.5))
-
-
-@nb.njit(cache=True, inline="always")
-def sample(heights, line, slope, column):
-    """Return the surface's height on a line in a column, `NOWHERE` beyond the border."""
-    rows = heights.shape[0]
-    i = row_of(line, slope, column)
-    if i < 0 or i >= rows:
-        return NOWHERE
-    # Lines of border points may run half a row outside
-    y = min(max(line + slope * column, 0.0), rows - 1.0)
-    r = int(y)
-    f = y - r
-    if f < 1e-9 or r + 1 >= rows:
-        return heights[r, column]
-    if f > 1 - 1e-9:
-        return heights[r + 1, column]
-    return np.float32(heights[r, column] + f * (np.float64(heights[r + 1, column]) - heights[r, column]))
+    return line + int(np.floor(slope * column + 0.5))
 
 
 @nb.njit(cache=True)
@@ -56,15 +38,44 @@ def span(first, lines, slope, rows, columns):
     return a, b
 
 
+@nb.njit(cache=True, inline="always")
+def points(first, slope, column, rows):
+    """Return the row of the first of sixteen lines' grid points in a column, and which lanes (from, to) lie on the field."""
+    i = row_of(first, slope, column)
+    return i, min(max(-i, 0), LANES), max(min(rows - i, LANES), 0)
+
+
+def lay(heights, d) -> np.ndarray:
+    """Lay (rows, columns) heights, north up, for `panel`: columns first, the rows at the border once more beyond it."""
+    return np.ascontiguousarray(np.pad(d.lay(heights), ((0, 0), (1, 1)), mode="edge"), dtype=np.float32)
+
+
 @nb.njit(cache=True)
-def panel(heights, first, slope, start, end, bend, out):
+def panel(laid, first, slope, start, end, bend, out):
     """Lay sixteen lines side by side: ``out[k, lane]`` is line ``first + lane`` in column ``start + k``.
 
-    ``bend`` is how far the surface falls away over one column, for the Earth's curvature: ``bend · k²`` is subtracted. With
-    one datum a line, that turns every sight line of a receiver by the same slope and changes no order.
+    Parameters
+    ----------
+    laid : (columns, rows + 2) float32 array
+        As `lay` returns it.
+    bend : float
+        How far the surface falls away over one column, for the Earth's curvature: ``bend · k²`` is subtracted. With one datum
+        a line, that turns every sight line of a receiver by the same slope and changes no order.
     """
+    rows = laid.shape[1] - 2
     for x in range(start, end):
         k = x - start
-        fall = bend * k * k
-        for lane in range(LANES):
-            out[k, lane] = np.float32(sample(heights, first + lane, slope, x) - fall)
+        line, fall = out[k], bend * k * k
+        line[:] = NOWHERE
+        # All lanes lie alike between their rows; whole rows are told apart from what rounding makes of them
+        shift = slope * x
+        r = np.floor(shift + 1e-9)
+        f = max(shift - r, 0.0)
+        f = 0.0 if f < 1e-9 else f
+        begin = first + int(r) + 1
+        _, a, b = points(first, slope, x, rows)
+        near, far = laid[x, max(begin, 0) :], laid[x, max(begin + 1, 0) :]
+        skip, ahead = min(begin, 0), min(begin + 1, 0)
+        for lane in range(a, b):
+            h = np.float64(near[lane + skip])
+            line[lane] = np.float32(h + f * (np.float64(far[lane + ahead]) - h) - fall)

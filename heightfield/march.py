@@ -143,11 +143,11 @@ def crossed(edges, receivers: tuple[int, int], rows: int, columns: int) -> int:
 def naive(d, shape: tuple[int, int], reach: int | None = None) -> int:
     """Count what the naive method looks at in one direction, from every point of a turned grid."""
     columns = shape[1] - 1 if reach is None else min(reach, shape[1] - 1)
-    return crossed(_edges(d, columns)[0], shape, *shape) if columns > 0 else 0
+    return crossed(edges(d, columns)[0], shape, *shape) if columns > 0 else 0
 
 
-def _edges(d, columns):
-    # Crossings of the rays from grid points, as kernels take them
+def edges(d, columns):
+    """Return the crossings of the rays from grid points, as `faces.Ray` has them: edges, weight, distance."""
     offset, weight, distance = crossings(d.slope, d.diagonal, columns)
     edges = np.zeros((len(offset), 6), dtype=np.int32)
     edges[:, [1, 2, 4, 5]] = offset
@@ -186,7 +186,7 @@ def horizons(heights, d, curve: float = 0.0, reach: int | None = None, tally=Non
     columns = heights.shape[1] - 1 if reach is None else min(reach, heights.shape[1] - 1)
     out = np.full(heights.shape, -np.inf, dtype=np.float32)
     if columns > 0:
-        looked = steepest(padded(heights)[None], heights, *_edges(d, columns), d.step, curve, out)
+        looked = steepest(padded(heights)[None], heights, *edges(d, columns), d.step, curve, out)
         if tally is not None:
             tally.append(looked)
     return out

@@ -54,6 +54,14 @@ class Direction:
         grid = grid[..., :: -1 if self.flip_rows else 1, :: -1 if self.flip_columns else 1]
         return np.swapaxes(grid, -1, -2) if self.transpose else grid
 
+    def lay(self, grid: np.ndarray) -> np.ndarray:
+        """Return a view as `turn` does with columns first: rays from neighbouring rows lie side by side."""
+        return np.swapaxes(self.turn(grid), -1, -2)
+
+    def lift(self, grid: np.ndarray) -> np.ndarray:
+        """Undo `lay`."""
+        return self.back(np.swapaxes(grid, -1, -2))
+
 
 @nb.njit(cache=True, parallel=True)
 def _tiles(grid):

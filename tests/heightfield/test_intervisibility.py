@@ -1,5 +1,7 @@
 """Local horizons on shared lines: every method against exact brute force, which is the definition written out."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -189,13 +191,18 @@ def test_every_grid_point_has_one_line():
 
 def test_samples_of_a_plane_are_exact():
     y, x = np.mgrid[:9, :12]
-    h = (2 * x + 3 * y).astype(np.float32)
+    d = replace(direction(np.pi / 2, (1, 1)), slope=0.4)
+    laid = lines.lay(2.0 * x + 3.0 * y, d)
     for m in range(-5, 9):
+        out = np.empty((12, lines.LANES), np.float32)
+        lines.panel(laid, m, 0.4, 0, 12, 0.0, out)
         for column in range(12):
-            i = lines.row_of(m, 0.4, column)
-            if 0 <= i < 9:
-                y = min(max(m + 0.4 * column, 0), 8)
-                assert lines.sample(h, m, 0.4, column) == pytest.approx(2 * column + 3 * y, rel=1e-6)
+            for lane in range(lines.LANES):
+                if 0 <= lines.row_of(m + lane, 0.4, column) < 9:
+                    y = min(max(m + lane + 0.4 * column, 0), 8)
+                    assert out[column, lane] == pytest.approx(2 * column + 3 * y, rel=1e-6)
+                else:
+                    assert out[column, lane] == lines.NOWHERE
 
 
 def test_threads_change_no_bit():
