@@ -12,6 +12,7 @@ import numba as nb
 import numpy as np
 
 from .lanes import LANES
+from .sweep import packed
 
 NOWHERE = np.float32(-np.inf)  # height of a sample beyond the border
 
@@ -47,7 +48,10 @@ def points(first, slope, column, rows):
 
 def lay(heights, d) -> np.ndarray:
     """Lay (rows, columns) heights, north up, for `panel`: columns first, the rows at the border once more beyond it."""
-    return np.ascontiguousarray(np.pad(d.lay(heights), ((0, 0), (1, 1)), mode="edge"), dtype=np.float32)
+    inner = packed(d.lay(heights))
+    out = np.empty((inner.shape[0], inner.shape[1] + 2), np.float32)
+    out[:, 0], out[:, 1:-1], out[:, -1] = inner[:, 0], inner, inner[:, -1]
+    return out
 
 
 @nb.njit(cache=True)
