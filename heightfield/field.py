@@ -128,9 +128,9 @@ class HeightField:
         points : (n, 2) array or (rows, columns) bool array, optional
             Receivers: rows and columns, which may be fractional, or a mask of the grid. Each ray is then marched on its own.
         method : {"auto", "tree", "march"}
-            "march" looks at every edge that the ray crosses and is exact on the surface; "tree" finds where the horizon is
-            with hulls shared by neighbouring rays, then looks only there (see `hull`). "auto" takes the tree unless
-            ``radius`` makes the march short.
+            "march" looks at every edge that the ray crosses; "auto" steps over stretches too low to be seen (see `skip`).
+            Both are exact on the surface. "tree" finds where the horizon is with hulls shared by neighbouring rays, then
+            looks only there (see `hull`): on a GPU where there is one; with ``radius`` it gives way to the march.
         progress : callable, optional
             Called with (directions done, directions).
 
@@ -293,7 +293,7 @@ class HeightField:
         supersampling : int
             The surface's light is known once a triangle, two a cell; S cuts each cell into S × S of them. Time grows as S³.
         method : {"auto", "tree", "march"}
-            How the sky's horizons are found; "auto" marches, as the surface's light is gathered.
+            How the sky's and the sun's horizons are found, as in `horizons`.
         progress : callable, optional
             Called with (sweeps done, sweeps).
 

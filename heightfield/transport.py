@@ -60,8 +60,6 @@ def irradiance(
     else:
         own, spots = points.interpolated(at, field.valid, n)[1], points.standing(field.heights, at)
     e = np.zeros((channels, *own.shape[1:]), dtype=np.float32)
-    # By marching, as the gather does: what the one calls sky the other must not call surface
-    method = "march" if method == "auto" else method
     if apart:
         tangents = field._tangents(azimuths, method)
         width = 2 * np.pi / len(azimuths)
