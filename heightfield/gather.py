@@ -15,7 +15,7 @@ import numba as nb
 import numpy as np
 
 from .lanes import LANES
-from .lanes_light import ALONG, BEST, MINE, UP, cross, shine, start, worth
+from .lanes_light import BEST, MINE, cross, pour, shine, start, worth
 from .skip import SIZES, leaves, seek
 
 NODES = 2048  # of the sky's table over elevation
@@ -41,20 +41,16 @@ def _elevation(t):
 
 @nb.njit(cache=True)
 def _strip(
-    heights, stride, edge, top, light, image, triangles, feet, slack, share, own, nz, a, horizon, out, i,
+    heights, stride, edge, top, light, image, triangles, feet, slack, share, own, nz, a, horizon, out, pitch, channels, i,
     first, second, weight, scale, drop, upto, down, inverse, fall, tops, begins,
 ):  # fmt: skip
     # `surface` for receivers in rows ``i`` to ``i + 15``
-    leave, channels = leaves(down, stride, i), len(out)
-    work, sums = np.zeros((6, LANES), np.float32), np.empty((channels, LANES), np.float32)
-    flat, mine, best = work.ravel(), MINE * LANES, BEST * LANES
+    leave, mine, best = leaves(down, stride, i), MINE * LANES, BEST * LANES
+    work, sums = np.zeros(6 * LANES, np.float32), np.zeros(channels * LANES, np.float32)
     steps = 0
-    for x in range(own.shape[0]):
-        work[BEST], work[MINE] = horizon[x, i : i + LANES], own[x, i : i + LANES]
-        work[UP], work[ALONG] = nz[x, i : i + LANES], a[x, i : i + LANES]
-        start(work)
-        sums[:] = 0
-        place, last = x * stride + i, min(edge - x, leave)
+    for x in range(len(own) // pitch):
+        place, at, last = x * stride + i, x * pitch + i, min(edge - x, leave)
+        start(work, horizon, own, nz, a, at)
         # To the first whole stretch all is looked at
         begin, k = 0, min(SIZES[0] - (x & (SIZES[0] - 1)), last)
         while True:
@@ -63,16 +59,17 @@ def _strip(
                 # The triangle on which the receiver itself lies sends it nothing
                 if cross(work, heights, place + first[n], place + second[n], weight[n], scale[n], drop[n]) and n >= feet:
                     for m in range(channels):
-                        shine(work, light, m * image + place + triangles[n], sums[m])
+                        shine(work, light, m * image + place + triangles[n], sums, m * LANES)
             steps += end - begin
-            k, tests = seek(down, inverse, fall, tops, begins, stride, x, i, k, last, flat, mine, flat, best)
+            k, tests = seek(down, inverse, fall, tops, begins, stride, x, i, k, last, work, mine, work, best)
             steps += tests
             if k == last or (slack > 0 and not worth(work, top, inverse[k], fall[k], slack)):
                 break
             begin, k = upto[k], min(k + SIZES[0], last)
-        horizon[x, i : i + LANES] = work[BEST]
+        for lane in range(LANES):
+            horizon[at + lane] = work[best + lane]
         for m in range(channels):
-            out[m, x, i : i + LANES] += share * sums[m]
+            pour(sums, m * LANES, share, out, m * len(own) + at)
     return steps
 
 
@@ -112,12 +109,14 @@ def surface(laid, radiance, own, nz, a, way, triangles, feet, slack, share, hori
     """
     heights, light, image, strips = laid.ravel(), radiance.ravel(), radiance[0].size, own.shape[1] // LANES
     top, half, looked = heights.max(), (strips + 1) // 2, 0
+    mine, up, along, found, sums = own.ravel(), nz.ravel(), a.ravel(), horizon.ravel(), out.ravel()
     first, second, weight, scale, drop, upto, down, inverse, fall, tops, begins = way
     for t in nb.prange(strips):
         i = LANES * (2 * t if t < half else 2 * (t - half) + 1)
         looked += min(LANES, receivers - i) * _strip(
             *(heights, laid.shape[2], laid.shape[1] - 1, top, light, image, triangles, feet, slack, share),
-            *(own, nz, a, horizon, out, i, first, second, weight, scale, drop, upto, down, inverse, fall, tops, begins),
+            *(mine, up, along, found, sums, own.shape[1], len(out), i),
+            *(first, second, weight, scale, drop, upto, down, inverse, fall, tops, begins),
         )
     return looked
 
@@ -132,7 +131,7 @@ def sky_table(radiance) -> np.ndarray:
 
     Returns
     -------
-    (2, NODES, channels) float64 array
+    (2, NODES, channels) float32 array
         Integrals of ``L sin e cos e`` and ``L cos² e`` from each node's elevation to the zenith.
     """
     radiance = np.atleast_2d(np.asarray(radiance, dtype=np.float64))
@@ -145,7 +144,7 @@ def sky_table(radiance) -> np.ndarray:
     pieces = np.diff(primitive, axis=1)[..., None] * mean
     out = np.zeros((2, NODES, radiance.shape[1]))
     out[:, :-1] = np.cumsum(pieces[:, ::-1], axis=1)[:, ::-1]
-    return out
+    return out.astype(np.float32)
 
 
 @nb.njit(cache=True, parallel=True)
@@ -153,12 +152,13 @@ def add_sky(horizon, nz, a, table, width, out):
     """Add the sky above tangents ``horizon`` to ``out`` (channels, rows, columns); ``width`` is the sector's in radians."""
     rows, columns = horizon.shape
     nodes, channels = table.shape[1], table.shape[2]
+    scale, middle, width = np.float32((nodes - 1) / np.pi), np.float32((nodes - 1) / 2), np.float32(width)
     for i in nb.prange(rows):
         for j in range(columns):
-            at = (_elevation(horizon[i, j]) / np.pi + 0.5) * (nodes - 1)
-            k = min(max(int(at), 0), nodes - 2)
-            f = at - k
+            at = _elevation(horizon[i, j]) * scale + middle
+            k = np.uint32(min(max(at, np.float32(0)), np.float32(nodes - 2)))
+            f, up, along = at - np.float32(k), nz[i, j], a[i, j]
             for c in range(channels):
                 s = table[0, k, c] + f * (table[0, k + 1, c] - table[0, k, c])
                 t = table[1, k, c] + f * (table[1, k + 1, c] - table[1, k, c])
-                out[c, i, j] += np.float32(width * max(nz[i, j] * s + a[i, j] * t, 0.0))
+                out[c, i, j] += width * max(up * s + along * t, np.float32(0))

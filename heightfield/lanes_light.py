@@ -7,7 +7,7 @@ from numba import types
 from numba.core import cgutils
 from numba.extending import intrinsic
 
-from .lanes import _F32, LANES, _any, _load, _pointer, _splat, sixteen
+from .lanes import _F32, LANES, _any, _load, _pointer, _splat, address, sixteen
 
 BEST, MINE, UP, ALONG, SEEN, GAIN = range(6)  # rows of the working memory
 FUSED = ("contract",)
@@ -42,14 +42,34 @@ def _weight(builder, t, nz, a):
 
 
 @intrinsic
-def start(typingctx, work):
-    """Set what the receivers have seen, row `SEEN`, to W at their horizons, row `BEST`."""
-    sig = types.void(work)
+def start(typingctx, work, horizon, own, nz, a, at):
+    """Fill the working memory of the receivers from place ``at`` of flat float32 arrays on; `SEEN` is W at their horizons."""
+    sig = types.void(work, horizon, own, nz, a, types.intp)
 
     def generate(context, builder, signature, arguments):
-        row = _rows(context, builder, signature.args[0], *arguments)
+        row = _rows(context, builder, signature.args[0], arguments[0])
+        for k, kind, value in zip((BEST, MINE, UP, ALONG), signature.args[1:5], arguments[1:5], strict=True):
+            builder.store(sixteen(context, builder, kind, value, arguments[5]), row(k), align=4)
         t, nz, a = (_load(builder, row(k)) for k in (BEST, UP, ALONG))
         builder.store(_weight(builder, t, nz, a), row(SEEN), align=4)
+
+    return sig, generate
+
+
+@intrinsic
+def pour(typingctx, values, place, share, out, at):
+    """Add ``share`` times ``values[place]`` and those that follow to ``out[at]`` and on, flat float32 arrays; leave 0."""
+    sig = types.void(values, types.intp, types.float32, out, types.intp)
+
+    def generate(context, builder, signature, arguments):
+        values, place, share, out, at = arguments
+        kinds = signature.args
+        given = sixteen(context, builder, kinds[0], values, place)
+        more = builder.fmul(given, _splat(builder, share, _F32))
+        total = builder.fadd(sixteen(context, builder, kinds[3], out, at), more)
+        for kind, array, index, value in ((kinds[3], out, at, total), (kinds[0], values, place, _constant(0.0))):
+            target = builder.bitcast(address(context, builder, kind, array, index), ir.PointerType(_F32))
+            builder.store(value, target, align=4)
 
     return sig, generate
 
@@ -86,17 +106,18 @@ def cross(typingctx, work, heights, first, second, weight, scale, drop):
 
 
 @intrinsic
-def shine(typingctx, work, light, place, out):
-    """Add the receivers' gain times ``light[place]`` and those that follow to ``out``, (16,) float32."""
-    sig = types.void(work, light, types.intp, out)
+def shine(typingctx, work, light, place, out, at):
+    """Add the receivers' gain times ``light[place]`` and those that follow to ``out[at]`` and on, flat float32 arrays."""
+    sig = types.void(work, light, types.intp, out, types.intp)
 
     def generate(context, builder, signature, arguments):
-        work, light, place, out = arguments
+        work, light, place, out, at = arguments
         kinds = signature.args
         gain = _load(builder, _rows(context, builder, kinds[0], work)(GAIN))
         radiance = sixteen(context, builder, kinds[1], light, place)
-        at = _pointer(context, builder, kinds[3], out, _F32)
-        builder.store(builder.fadd(_load(builder, at), builder.fmul(gain, radiance, flags=FUSED), flags=FUSED), at, align=4)
+        target = builder.bitcast(address(context, builder, kinds[3], out, at), ir.PointerType(_F32))
+        total = builder.fadd(_load(builder, target), builder.fmul(gain, radiance, flags=FUSED), flags=FUSED)
+        builder.store(total, target, align=4)
 
     return sig, generate
 
