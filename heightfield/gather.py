@@ -15,8 +15,9 @@ import numba as nb
 import numpy as np
 
 from .lanes import LANES
-from .lanes_light import BEST, MINE, cross, pour, shine, start, worth
-from .skip import SIZES, leaves, seek
+from .lanes_light import BEST, MINE, climb, gains, pour, shine, start, worth
+from .lanes_skip import soon
+from .skip import AHEAD, SIZES, leaves, seek
 
 NODES = 2048  # of the sky's table over elevation
 
@@ -46,23 +47,29 @@ def _strip(
 ):  # fmt: skip
     # `surface` for receivers in rows ``i`` to ``i + 15``
     leave, mine, best = leaves(down, stride, i), MINE * LANES, BEST * LANES
-    work, sums = np.zeros(6 * LANES, np.float32), np.zeros(channels * LANES, np.float32)
-    steps = 0
+    work, sums = np.zeros(5 * LANES, np.float32), np.zeros(channels * LANES, np.float32)
+    # As many as a ray crosses in one stretch, and one to overwrite
+    most = 1 + max([upto[min(k + SIZES[0], len(upto) - 1)] - upto[k] for k in range(len(upto))])
+    rises, which = np.empty(most * LANES, np.float32), np.empty(most, np.int64)
+    looked = 0
     for x in range(len(own) // pitch):
         place, at, last = x * stride + i, x * pitch + i, min(edge - x, leave)
+        for values in (horizon, own, nz, a, out):
+            soon(values, at + AHEAD * pitch)
         start(work, horizon, own, nz, a, at)
         # To the first whole stretch all is looked at
         begin, k = 0, min(SIZES[0] - (x & (SIZES[0] - 1)), last)
         while True:
             end = upto[k]
-            for n in range(begin, end):
-                # The triangle on which the receiver itself lies sends it nothing
-                if cross(work, heights, place + first[n], place + second[n], weight[n], scale[n], drop[n]) and n >= feet:
-                    for m in range(channels):
-                        shine(work, light, m * image + place + triangles[n], sums, m * LANES)
-            steps += end - begin
+            seen = climb(work, heights, place, first, second, weight, scale, drop, begin, end, rises, which)
+            gains(work, rises, seen)
+            # The triangle on which the receiver itself lies sends it nothing
+            own_triangle = int(seen > 0 and which[0] < feet)
+            for m in range(channels):
+                shine(rises, which, own_triangle, seen, triangles, light, m * image + place, sums, m * LANES)
+            looked += end - begin
             k, tests = seek(down, inverse, fall, tops, begins, stride, x, i, k, last, work, mine, work, best)
-            steps += tests
+            looked += tests
             if k == last or (slack > 0 and not worth(work, top, inverse[k], fall[k], slack)):
                 break
             begin, k = upto[k], min(k + SIZES[0], last)
@@ -70,7 +77,7 @@ def _strip(
             horizon[at + lane] = work[best + lane]
         for m in range(channels):
             pour(sums, m * LANES, share, out, m * len(own) + at)
-    return steps
+    return looked
 
 
 @nb.njit(cache=True, parallel=True)

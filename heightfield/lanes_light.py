@@ -8,9 +8,9 @@ from numba.core import cgutils
 from numba.extending import intrinsic
 
 from .lanes import _F32, LANES, _any, _load, _pointer, _splat, address, sixteen
+from .lanes_skip import FUSED, crossing
 
-BEST, MINE, UP, ALONG, SEEN, GAIN = range(6)  # rows of the working memory
-FUSED = ("contract",)
+BEST, MINE, UP, ALONG, SEEN = range(5)  # rows of the working memory
 
 # Minimax polynomial of the arc tangent over [0, 1], absolute error 2e-6
 ARC = (-0.01172120, 0.05265332, -0.11643287, 0.19354346, -0.33262347, 0.99997726)
@@ -75,49 +75,83 @@ def pour(typingctx, values, place, share, out, at):
 
 
 @intrinsic
-def cross(typingctx, work, heights, first, second, weight, scale, drop):
-    """Let the receivers look at a crossing, between ``heights[first]`` and ``heights[second]`` and those that follow.
+def climb(typingctx, work, heights, place, first, second, weight, scale, drop, begin, end, steps, which):
+    """Let the receivers look at crossings ``begin`` to ``end`` (excluded); parameters as `lanes_skip.look` has them.
 
-    Where it stands above the horizon, that is raised and row `GAIN` is the difference of W, else 0. Returns whether any did.
+    Of every crossing above the horizon of any of them, the tangents of all horizons after it and its number are written to
+    ``steps`` (flat float32) and ``which`` (int64), one after the other. Returns how many.
     """
-    sig = types.boolean(work, heights, types.intp, types.intp, types.float32, types.float32, types.float32)
+    number = types.intp
+    sig = number(work, heights, number, first, second, weight, scale, drop, number, number, steps, which)
 
     def generate(context, builder, signature, arguments):
-        work, heights, first, second, weight, scale, drop = arguments
+        work, heights, place, first, second, weight, scale, drop, begin, end, steps, which = arguments
         kinds = signature.args
         row = _rows(context, builder, kinds[0], work)
-        a, b = (sixteen(context, builder, kinds[1], heights, v) for v in (first, second))
-        weight, scale, drop = (_splat(builder, v, _F32) for v in (weight, scale, drop))
-        height = builder.fadd(a, builder.fmul(weight, builder.fsub(b, a), flags=FUSED), flags=FUSED)
-        over = builder.fmul(builder.fsub(height, _load(builder, row(MINE))), scale, flags=FUSED)
-        rise = builder.fsub(over, drop, flags=FUSED)
-        best = _load(builder, row(BEST))
-        new = builder.fcmp_ordered(">", rise, best)
-        some = _any(builder, new)
-        with cgutils.if_unlikely(builder, some):
+        mine = _load(builder, row(MINE))
+        best_at, count_at = cgutils.alloca_once(builder, _F32), cgutils.alloca_once(builder, begin.type)
+        builder.store(_load(builder, row(BEST)), best_at)
+        builder.store(ir.Constant(begin.type, 0), count_at)
+        with cgutils.for_range_slice(builder, begin, end, ir.Constant(begin.type, 1), inc=True) as (n, _):
+            rise = crossing(context, builder, kinds[1], heights, place, mine, n, zip(kinds[3:8], arguments[3:8], strict=True))
+            best, count = builder.load(best_at), builder.load(count_at)
+            new = builder.fcmp_ordered(">", rise, best)
             best = builder.select(new, rise, best)
-            total = _weight(builder, best, _load(builder, row(UP)), _load(builder, row(ALONG)))
-            builder.store(builder.fsub(total, _load(builder, row(SEEN))), row(GAIN), align=4)
-            builder.store(best, row(BEST), align=4)
-            builder.store(total, row(SEEN), align=4)
-        return some
+            builder.store(best, best_at)
+            # Written in any case, and overwritten unless it counts: what is seen cannot be predicted
+            builder.store(best, _pointer(context, builder, kinds[10], steps, _F32, count), align=4)
+            builder.store(n, address(context, builder, kinds[11], which, count))
+            builder.store(builder.add(count, builder.zext(_any(builder, new), count.type)), count_at)
+        builder.store(builder.load(best_at), row(BEST), align=4)
+        return builder.load(count_at)
 
     return sig, generate
 
 
 @intrinsic
-def shine(typingctx, work, light, place, out, at):
-    """Add the receivers' gain times ``light[place]`` and those that follow to ``out[at]`` and on, flat float32 arrays."""
-    sig = types.void(work, light, types.intp, out, types.intp)
+def gains(typingctx, work, steps, count):
+    """Turn ``count`` tangents, sixteen receivers each, into the differences of W that they make."""
+    sig = types.void(work, steps, types.intp)
 
     def generate(context, builder, signature, arguments):
-        work, light, place, out, at = arguments
+        work, steps, count = arguments
+        row = _rows(context, builder, signature.args[0], work)
+        nz, a = _load(builder, row(UP)), _load(builder, row(ALONG))
+        seen = cgutils.alloca_once(builder, _F32)
+        builder.store(_load(builder, row(SEEN)), seen)
+        with cgutils.for_range(builder, count) as loop:
+            at = _pointer(context, builder, signature.args[1], steps, _F32, loop.index)
+            total = _weight(builder, _load(builder, at), nz, a)
+            builder.store(builder.fsub(total, builder.load(seen)), at, align=4)
+            builder.store(total, seen)
+        builder.store(builder.load(seen), row(SEEN), align=4)
+
+    return sig, generate
+
+
+@intrinsic
+def shine(typingctx, gains, which, begin, end, triangles, light, place, out, at):
+    """Add gains ``begin`` to ``end`` times their triangles' light to ``out[at]`` and on (flat float32).
+
+    Crossing ``n`` shows ``light[place + triangles[n]]`` and those that follow, a receiver each.
+    """
+    number = types.intp
+    sig = types.void(gains, which, number, number, triangles, light, number, out, number)
+
+    def generate(context, builder, signature, arguments):
+        gains, which, begin, end, triangles, light, place, out, at = arguments
         kinds = signature.args
-        gain = _load(builder, _rows(context, builder, kinds[0], work)(GAIN))
-        radiance = sixteen(context, builder, kinds[1], light, place)
-        target = builder.bitcast(address(context, builder, kinds[3], out, at), ir.PointerType(_F32))
-        total = builder.fadd(_load(builder, target), builder.fmul(gain, radiance, flags=FUSED), flags=FUSED)
-        builder.store(total, target, align=4)
+        target = builder.bitcast(address(context, builder, kinds[7], out, at), ir.PointerType(_F32))
+        total = cgutils.alloca_once(builder, _F32)
+        builder.store(_load(builder, target), total)
+        with cgutils.for_range_slice(builder, begin, end, ir.Constant(begin.type, 1), inc=True) as (m, _):
+            n = builder.load(address(context, builder, kinds[1], which, m))
+            triangle = builder.load(address(context, builder, kinds[4], triangles, n))
+            radiance = sixteen(context, builder, kinds[5], light, builder.add(place, triangle))
+            gain = _load(builder, _pointer(context, builder, kinds[0], gains, _F32, m))
+            more = builder.fmul(gain, radiance, flags=FUSED)
+            builder.store(builder.fadd(builder.load(total), more, flags=FUSED), total)
+        builder.store(builder.load(total), target, align=4)
 
     return sig, generate
 
@@ -141,7 +175,7 @@ def worth(typingctx, work, top, near, fall, slack):
 
 
 def _rows(context, builder, kind, work):
-    # Address of each row of the working memory, (6, 16) float32
+    # Address of each row of the working memory, (5, 16) float32
     def row(k):
         return _pointer(context, builder, kind, work, _F32, ir.Constant(ir.IntType(64), k))
 

@@ -7,9 +7,18 @@ from numba import types
 from numba.core import cgutils
 from numba.extending import intrinsic
 
-from .lanes import _F32, _I32, _any, _load, _pointer, _splat, address, sixteen
+from .lanes import _F32, _I32, LANES, _any, _load, _pointer, _splat, address, sixteen
 
 FUSED = ("contract",)
+
+
+def crossing(context, builder, kind, heights, place, own, n, arrays):
+    """Return the tangents under which receivers of heights ``own`` see crossing ``n``; see `look` for the arrays."""
+    first, second, *numbers = (builder.load(address(context, builder, k, v, n)) for k, v in arrays)
+    a, b = (sixteen(context, builder, kind, heights, builder.add(place, v)) for v in (first, second))
+    weight, scale, drop = (_splat(builder, v, _F32) for v in numbers)
+    h = builder.fadd(a, builder.fmul(weight, builder.fsub(b, a), flags=FUSED), flags=FUSED)
+    return builder.fsub(builder.fmul(builder.fsub(h, own), scale, flags=FUSED), drop, flags=FUSED)
 
 
 @intrinsic
@@ -39,7 +48,7 @@ def look(typingctx, heights, place, first, second, weight, scale, drop, begin, e
     )
 
     def generate(context, builder, signature, arguments):
-        heights, place, first, second, weight, scale, drop, begin, end, own, mine, best, where_best, column, where = arguments
+        heights, place, *_, begin, end, own, mine, best, where_best, column, where = arguments
         kinds = signature.args
         h0 = sixteen(context, builder, kinds[9], own, mine)
         best_at = builder.bitcast(address(context, builder, kinds[11], best, where_best), ir.PointerType(_F32))
@@ -47,15 +56,7 @@ def look(typingctx, heights, place, first, second, weight, scale, drop, begin, e
         before = _load(builder, best_at)
         builder.store(before, highest)
         with cgutils.for_range_slice(builder, begin, end, ir.Constant(begin.type, 1), inc=True) as (n, _):
-
-            def scalar(k, array, n=n):
-                return builder.load(address(context, builder, kinds[k], array, n))
-
-            a = sixteen(context, builder, kinds[0], heights, builder.add(place, scalar(2, first)))
-            b = sixteen(context, builder, kinds[0], heights, builder.add(place, scalar(3, second)))
-            w, s, d = (_splat(builder, scalar(k, v), _F32) for k, v in ((4, weight), (5, scale), (6, drop)))
-            h = builder.fadd(a, builder.fmul(w, builder.fsub(b, a), flags=FUSED), flags=FUSED)
-            rise = builder.fsub(builder.fmul(builder.fsub(h, h0), s, flags=FUSED), d, flags=FUSED)
+            rise = crossing(context, builder, kinds[0], heights, place, h0, n, zip(kinds[2:7], arguments[2:7], strict=True))
             top = builder.load(highest)
             builder.store(builder.select(builder.fcmp_ordered(">", rise, top), rise, top), highest)
         after = builder.load(highest)
@@ -86,3 +87,18 @@ def reaches(typingctx, tops, place, near, far, drop, own, mine, best, at):
         return _any(builder, builder.fcmp_ordered(">", bound, top))
 
     return sig, generate
+
+
+@intrinsic
+def soon(typingctx, values, place):
+    """Bring elements ``place`` to ``place + 15`` of a float32 array near: no hardware sees it coming."""
+
+    def generate(context, builder, signature, arguments):
+        byte, number = ir.IntType(8).as_pointer(), ir.IntType(32)
+        at = builder.bitcast(address(context, builder, signature.args[0], *arguments), byte)
+        kind = ir.FunctionType(ir.VoidType(), [byte, number, number, number])
+        fetch = builder.module.declare_intrinsic("llvm.prefetch", [byte], kind)
+        for ahead in (0, 4 * LANES - 4):
+            builder.call(fetch, [builder.gep(at, [ir.Constant(number, ahead)]), *(ir.Constant(number, v) for v in (0, 3, 1))])
+
+    return types.void(values, types.intp), generate

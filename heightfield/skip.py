@@ -19,12 +19,13 @@ import numpy as np
 from . import march
 from .faces import planes
 from .lanes import LANES
-from .lanes_skip import look, reaches
+from .lanes_skip import look, reaches, soon
 
-SHIFTS = (3, 6, 9)
+SHIFTS = (3, 5, 7, 9)
 SIZES = tuple(1 << n for n in SHIFTS)  # columns of a stretch
 TOP = len(SIZES) - 1
-SEEDS = 4  # stretches at which to look first
+AHEAD = 4  # columns at which to fetch results before they are needed
+SEEDS = 8  # stretches at which to look first
 
 
 class Way(NamedTuple):
@@ -44,7 +45,7 @@ class Way(NamedTuple):
         Inverse distance of each column, 1/m; ``drop`` there.
     tops : (l,) float32 array
         Heights at most of stretches, by size, stretch and row at which it is entered.
-    begins : (3,) int64 array
+    begins : (4,) int64 array
         Where each size begins in ``tops``.
     """
 
@@ -103,10 +104,10 @@ def _lowest_level(heights, columns, stride, first, second, row, column, weight, 
                     t[i] = max(t[i], h)
 
 
-@nb.njit(cache=True, parallel=True)
+@nb.njit(cache=True)
 def _next_level(source, slope, size, ratio, out):
     # Rays that enter between one row and the next enter each following stretch over two
-    for b in nb.prange(len(out)):
+    for b in range(len(out)):
         t = out[b]
         t[:] = np.float32(march.ABYSS)
         for k in range(min(ratio, len(source) - ratio * b)):
@@ -165,7 +166,7 @@ def way(laid, tops, d, curve: float, edges, weight, distance, y: float = 0.0, x:
     return Way(first, second, *numbers, upto, down, *bounds, *tops)
 
 
-@nb.njit(cache=True, inline="always")
+@nb.njit(cache=True, forceinline=True, _nrt=False)
 def seek(down, inverse, fall, tops, begins, stride, x, i, k, last, own, mine, best, place):
     """Follow rays from column ``x`` and rows ``i`` to ``i + 15`` to the next stretch that any of them may see.
 
@@ -222,6 +223,8 @@ def _strip(
     steps = 0
     for x in range(len(own) // pitches[0] - 1, -1, -1):
         place, mine, at, last = x * stride + i, x * pitches[0] + i, x * pitches[1] + i, min(edge - x, leave)
+        soon(own, mine - AHEAD * pitches[0])
+        soon(out, at - AHEAD * pitches[1])
         # To the first whole stretch all is looked at
         begin, c, k = 0, x, min(SIZES[0] - (x & (SIZES[0] - 1)), last)
         for seed in seeds:
@@ -232,8 +235,9 @@ def _strip(
                 steps += b - a
         while True:
             end = upto[k]
-            look(heights, place, first, second, weight, scale, drop, begin, end, own, mine, out, at, c, where)
-            steps += end - begin
+            if c not in seeds:
+                look(heights, place, first, second, weight, scale, drop, begin, end, own, mine, out, at, c, where)
+                steps += end - begin
             k, tests = seek(down, inverse, fall, tops, begins, stride, x, i, k, last, own, mine, out, at)
             steps += tests
             if k == last:
