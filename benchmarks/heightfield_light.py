@@ -51,7 +51,7 @@ def measure(options, note) -> Part:
         " two standard errors of what is left may hide is in brackets). The path tracer's error is its noise, from pairs of"
         " independent runs; the time at which it reaches ours, bracket included, is interpolated in its ladder, beyond it"
         " time × error² is constant (~). Its scene is built beforehand. Most of our error comes from the bounces: what the"
-        " surface sends is known once a triangle, where the tracer looks at the point that it hits. S = 2: with"
+        " surface sends is straight over a triangle, where the tracer looks at the point that it hits. S = 2: with"
         " `supersampling=2`."
     )
     table, plotted, worst, gains = [], {}, (0.0, ""), {}
@@ -178,7 +178,7 @@ def converge(options, note) -> Part:
         f"Fractal of {size}² under sun and sky, one bounce: mean of |difference| over the mean of the indirect light. K is"
         f" held against {many} azimuths halfway between others; the error falls as K^{slope:.2f}."
         " S: the march is exact on the triangulated surface, it has no step length; what is sampled is the light that the"
-        " surface sends, once a triangle. S = s cuts each cell into s² of the same surface; it is held against"
+        " surface sends, at the triangles' corners. S = s cuts each cell into s² of the same surface; it is held against"
         f" S = {truth_s}, K = 16, on {size // 2}². So S = 1 here is not the paper's S = 1, whose visibility is sampled too."
     )
     part.text.append(grid(["K", *by_k], [["error, %", *(f"{100 * e:.3g}" for e in by_k.values())]]))

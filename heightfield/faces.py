@@ -1,8 +1,8 @@
 """The surface's triangles as senders and receivers of light: how they lie on a grid that is turned to look along +x.
 
-Between two neighbouring crossings a ray runs over one triangle, so light known for each triangle needs no interpolation along
-the ray. All triangles of one kind lie alike in their cells: rays from their centroids meet edges at the same offsets, and are
-marched together, as those from grid points are. With supersampling each cell is cut into S × S cells of the same surface.
+What a triangle sends is known at its three corners and straight between them. Corners of all triangles are grid points, from
+which rays meet edges at the same offsets: a grid point's rays serve the six triangles that meet there, each with its own
+normal. With supersampling each cell is cut into S × S cells of the same surface.
 """
 
 from __future__ import annotations
@@ -19,26 +19,9 @@ from .sweep import Direction, packed
 THIRD = 1 / 3
 # Centroids (row, column) in the cell of the triangle south-west of the diagonal, and of the one north-east of it
 CENTROIDS = ((2 * THIRD, THIRD), (THIRD, 2 * THIRD))
+# Triangles that meet at a grid point: kind, and which row and column of the triangle's cell the point has
+MEETING = ((0, 0, 0), (1, 0, 0), (0, 1, 1), (1, 1, 1), (1, 0, 1), (0, 1, 0))
 ASIDE = 1e-6  # cells; of a ray along an edge, the side to look at
-
-
-@dataclass(frozen=True)
-class Faces:
-    """Values of every triangle of a field.
-
-    Attributes
-    ----------
-    heights : (2, S · (rows − 1), S · (columns − 1)) float32 array
-        Of the centroids: triangles south-west of their cells' diagonals, then north-east.
-    normals : (3, 2, ...) float32 array
-        Unit normals.
-    supersampling : int
-        Cells into which a cell is cut, a side.
-    """
-
-    heights: np.ndarray
-    normals: np.ndarray
-    supersampling: int
 
 
 def mean(values: np.ndarray, s: int) -> np.ndarray:
@@ -59,14 +42,46 @@ def mean(values: np.ndarray, s: int) -> np.ndarray:
     return np.stack([both + fine[1:, :-1], both + fine[:-1, 1:]]) / 3
 
 
-def faces_of(heights: np.ndarray, spacing: tuple[float, float], s: int) -> Faces:
-    """Return the triangles of (rows, columns) heights, metres ``spacing`` apart, in cells cut ``s`` times a side."""
+def triangle_normals(heights: np.ndarray, spacing: tuple[float, float], s: int) -> np.ndarray:
+    """Return the unit normals of the triangles of (rows, columns) heights, in cells cut ``s`` times a side.
+
+    Returns
+    -------
+    (3, 2, s · (rows − 1), s · (columns − 1)) float32 array
+        Triangles south-west of their cells' diagonals, then north-east.
+    """
     z, (dy, dx) = refine(heights, s), (v / s for v in spacing)
     east, south = np.diff(z, axis=1) / dx, np.diff(z, axis=0) / dy
     # South-west triangles have their cells' southern and western edges, the others the northern and eastern
     n = np.stack([np.stack([-east[1:], -east[:-1]]), np.stack([south[:, :-1], south[:, 1:]]), np.ones((2, *east[1:].shape))])
-    n /= np.linalg.norm(n, axis=0)
-    return Faces(mean(heights, s).astype(np.float32), n.astype(np.float32), s)
+    return (n / np.linalg.norm(n, axis=0)).astype(np.float32)
+
+
+def meeting(values: np.ndarray, none) -> np.ndarray:
+    """Return what the triangles have that meet at each grid point: (c, 2, n, m) to (c, 6, n + 1, m + 1), ``none`` beyond."""
+    n, m = values.shape[2:]
+    out = np.empty((len(values), len(MEETING), n + 1, m + 1), values.dtype)
+    out[:] = np.reshape(none, (-1, 1, 1, 1))
+    for q, (kind, v, u) in enumerate(MEETING):
+        out[:, q, v : v + n, u : u + m] = values[:, kind]
+    return out
+
+
+def corners(values: np.ndarray) -> np.ndarray:
+    """Return what triangles have at their corners: (..., 6, n + 1, m + 1), as `meeting` has them, to (..., 2, 3, n, m).
+
+    Corners are the north-western, the one that only this triangle has, and the south-eastern.
+    """
+    n, m = (size - 1 for size in values.shape[-2:])
+    out = np.empty((*values.shape[:-3], 2, 3, n, m), values.dtype)
+    for q, (kind, v, u) in enumerate(MEETING):
+        out[..., kind, v + u, :, :] = values[..., q, v : v + n, u : u + m]
+    return out
+
+
+def cornered(values: np.ndarray) -> np.ndarray:
+    """Return grid points' values at triangles' corners: (..., n + 1, m + 1) to (..., 2, 3, n, m)."""
+    return corners(np.repeat(values[..., None, :, :], len(MEETING), axis=-3))
 
 
 def places(heights: np.ndarray, s: int) -> np.ndarray:
@@ -74,6 +89,30 @@ def places(heights: np.ndarray, s: int) -> np.ndarray:
     z = mean(heights, s)
     y, x = np.indices(z.shape[1:])
     return np.stack([np.stack([(y + v) / s, (x + u) / s, z[k]]) for k, (v, u) in enumerate(CENTROIDS)], axis=1)
+
+
+def spots(kind: int, n: int) -> list[tuple[float, float]]:
+    """Return rows and columns, in the cell, of the centroids of the n² like parts of a triangle of a kind."""
+    parts = ((a, b, c) for a in range(n) for b in range(n) for c in CENTROIDS)
+    found = (((a + v) / n, (b + u) / n) for a, b, (v, u) in parts)
+    return [(v, u) for v, u in found if (v < u) == kind]
+
+
+def inside(values: np.ndarray, kind: int, v: float, u: float) -> np.ndarray:
+    """Return values, straight between (rows, columns) samples, at a spot in every triangle of a kind."""
+    nw, se = values[:-1, :-1], values[1:, 1:]
+    return (1 - max(v, u)) * nw + abs(v - u) * (values[:-1, 1:] if kind else values[1:, :-1]) + min(v, u) * se
+
+
+def straightened(shares: np.ndarray, kind: int, n: int) -> np.ndarray:
+    """Return at the corners what is straight over triangles and nearest to shares at the `spots` of a kind, in [0, 1].
+
+    Parameters
+    ----------
+    shares : (n², rows, columns) array
+    """
+    at = np.array([[1 - max(v, u), abs(v - u), min(v, u)] for v, u in spots(kind, n)])
+    return np.clip(np.tensordot(np.linalg.pinv(at), shares, axes=1), 0, 1)
 
 
 # --- On a grid turned to look along +x --------------------------------------------------------------------------------
@@ -111,33 +150,39 @@ def undeal(parts: np.ndarray, s: int) -> np.ndarray:
     return parts.reshape(s, s, columns, rows).transpose(2, 0, 3, 1).reshape(s * columns, s * rows)
 
 
-def bordered(parts: np.ndarray, s: int) -> np.ndarray:
+def bordered(parts: np.ndarray, s: int, flipped: bool) -> np.ndarray:
     """Give triangles a row before the first and one behind the last: rays along the border see the one triangle there.
 
     Parameters
     ----------
-    parts : (2 · s², n, m) array
-        Planes of the triangles south-west of the diagonals, then of the others.
+    parts : (6 · s², n, m) array
+        Planes of the three corners of the triangles south-west of the diagonals, then of the others.
+    s : int
+        Cells into which a cell is cut, a side.
+    flipped : bool
+        Whether the first row was the last one.
 
     Returns
     -------
-    (2 · s², n, m + 1 + `march.BLOCK`) array
+    (6 · s², n, m + 1 + `march.BLOCK`) array
         0 behind; as wide as `planes` makes the samples, so that one place means the same cell in both.
     """
     _, columns, rows = parts.shape
-    out = np.zeros((2, s, s, columns, rows + 1 + march.BLOCK), parts.dtype)
-    out[..., 1 : rows + 1] = parts.reshape(2, s, s, columns, rows)
-    out[:, :, s - 1, :, 0] = out[::-1, :, 0, :, 1]
-    out[:, :, 0, :, rows + 1] = out[::-1, :, s - 1, :, rows]
-    return out.reshape(2 * s * s, columns, -1)
+    out = np.zeros((2, 3, s, s, columns, rows + 1 + march.BLOCK), parts.dtype)
+    out[..., 1 : rows + 1] = parts.reshape(2, 3, s, s, columns, rows)
+    # Across an edge lies a triangle of the other kind, whose last two corners are the first two of this one, or vice versa
+    here, there = (slice(0, 2), slice(1, 3)) if flipped else (slice(1, 3), slice(0, 2))
+    out[:, here, :, s - 1, :, 0] = out[::-1, there, :, 0, :, 1]
+    out[:, there, :, 0, :, rows + 1] = out[::-1, here, :, s - 1, :, rows]
+    return out.reshape(6 * s * s, columns, -1)
 
 
-def centroid(d: Direction, kind: int) -> tuple[float, float]:
-    """Row and column, in its turned cell, of a kind of triangle's centroid."""
-    v, u = CENTROIDS[kind]
+def placed(d: Direction, s: int, plane: int, v: float, u: float) -> tuple[float, float]:
+    """Row and column, in its turned cell, of what lies at row ``v`` and column ``u`` of a fine cell dealt to a plane."""
     if d.transpose:
         v, u = u, v
-    return (1 - v if d.flip_rows else v), (1 - u if d.flip_columns else u)
+    v, u = (1 - v if d.flip_rows else v), (1 - u if d.flip_columns else u)
+    return (plane % s + v) / s, (plane // s + u) / s
 
 
 @dataclass(frozen=True)
@@ -152,14 +197,15 @@ class Ray:
         Of the second end.
     distance : (n,) float64 array
         In columns of the grid, from the receiver.
-    triangles : (n, 3) int32 array
-        The triangle before each crossing: kind · S² + plane, row and column from the receiver's cell.
+    corners : (n, 4, 3) int32 array
+        Of the triangle before each crossing, at the ends of the edge over which the ray enters it and of the one over which
+        it leaves: (3 · kind + corner) · S² + plane, row and column from the receiver's cell.
     """
 
     edges: np.ndarray
     weight: np.ndarray
     distance: np.ndarray
-    triangles: np.ndarray
+    corners: np.ndarray
 
 
 def along_edge(d: Direction, y: float, x: float) -> bool:
@@ -175,14 +221,14 @@ def ray(d: Direction, columns: int, s: int, y: float = 0.0, x: float = 0.0, side
     """
     offset, weight, distance = march.crossings(d.slope, d.diagonal, s * columns, s * y, s * x)
     aside = side * ASIDE * along_edge(d, s * y, s * x)
-    edges, triangles = _followed(offset, distance, d.slope, s, s * y + aside, s * x, d.flip_rows, d.flip_columns, d.transpose)
-    return Ray(edges, weight, distance / s, triangles)
+    edges, corners = _followed(offset, distance, d.slope, s, s * y + aside, s * x, d.flip_rows, d.flip_columns, d.transpose)
+    return Ray(edges, weight, distance / s, corners)
 
 
 @nb.njit(cache=True)
 def _followed(offset, distance, slope, s, y, x, flip_rows, flip_columns, transpose):
-    # Edges dealt out to planes, and the triangle before each
-    edges, triangles = np.empty((len(offset), 6), np.int32), np.empty((len(offset), 3), np.int32)
+    # Edges dealt out to planes, and corners of the triangle before each
+    edges, corners = np.empty((len(offset), 6), np.int32), np.empty((len(offset), 4, 3), np.int32)
     before = 0.0
     for n in range(len(offset)):
         for end in range(2):
@@ -191,11 +237,19 @@ def _followed(offset, distance, slope, s, y, x, flip_rows, flip_columns, transpo
         middle = (before + distance[n]) / 2
         before = distance[n]
         v, u = y + slope * middle, x + middle
-        r, c = int(np.floor(v)), int(np.floor(u))
-        v, u = v - r, u - c
+        row, column = int(np.floor(v)), int(np.floor(u))
+        v, u = v - row, u - column
         # Back in the cell as it lies north up
         v, u = (1 - v if flip_rows else v), (1 - u if flip_columns else u)
         v, u = (u, v) if transpose else (v, u)
         kind = 0 if v > u else 1
-        triangles[n, 0], triangles[n, 1], triangles[n, 2] = (kind * s + c % s) * s + r % s, r // s, c // s
-    return edges, triangles
+        plane = (column % s) * s + row % s
+        for k in range(4):
+            # The ray enters its first triangle at the receiver
+            m = n - 1 + k // 2
+            r, c = (offset[m, 2 * (k % 2)], offset[m, 2 * (k % 2) + 1]) if m >= 0 else (round(y), round(x))
+            # An end that is no corner has no weight: the ray passes through the other
+            r, c = min(max(r - row, 0), 1), min(max(c - column, 0), 1)
+            corner = (1 - r if flip_rows else r) + (1 - c if flip_columns else c)
+            corners[n, k, 0], corners[n, k, 1], corners[n, k, 2] = (3 * kind + corner) * s * s + plane, row // s, column // s
+    return edges, corners

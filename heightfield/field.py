@@ -291,7 +291,7 @@ class HeightField:
             Leave out of each bounce what surely adds no more than this share of π times the surface's greatest radiance;
             0 gathers everything.
         supersampling : int
-            The surface's light is known once a triangle, two a cell; S cuts each cell into S × S of them. Time grows as S³.
+            The surface's light is straight over each triangle, two a cell; S cuts each cell into S × S. Time grows as S³.
         method : {"auto", "tree", "march"}
             How the sky's and the sun's horizons are found, as in `horizons`.
         progress : callable, optional

@@ -6,16 +6,21 @@ elevation ``e``. With ``a = n·d`` its irradiance from the sector is, per radian
     ∫ L(e) (n_z sin e + a cos e) cos e de  =  Σ L_i [W(e_i) − W(e_{i−1})],    W(e) = n_z sin²e / 2 + a (e + sin e cos e) / 2 ,
 
 so every newly visible piece of surface adds its radiance times a difference of W (§10.1, third way: exact over the visible
-points). Elevations below the receiver's own tangent plane count nothing.
+points). Elevations below the receiver's own tangent plane count nothing. A receiver may have several normals: where triangles
+meet, each has its own.
+
+Radiance is straight over each triangle, so that of a piece is taken where the middle of what is seen of it lies.
 """
 
 from __future__ import annotations
+
+from typing import NamedTuple
 
 import numba as nb
 import numpy as np
 
 from .lanes import LANES
-from .lanes_light import BEST, MINE, climb, gains, pour, shine, start, worth
+from .lanes_light import BEST, EACH, MINE, UP, climb, face, measure, pour, shine, start, tint, total, worth
 from .lanes_skip import soon
 from .skip import AHEAD, SIZES, leaves, seek
 
@@ -40,72 +45,131 @@ def _elevation(t):
     return -e if t < 0 else e
 
 
+class Shown(NamedTuple):
+    """What the surface shows at the crossings of one direction's rays, from all receivers that lie alike in their cells.
+
+    Attributes
+    ----------
+    corners : (4 n,) int64 array
+        Places in the radiance, from the receiver's cell, of the triangle before each crossing: at the two ends of the edge
+        over which the ray enters it, and of the one over which it leaves.
+    weight : (n + 1,) float32 array
+        Of the second ends: of each crossing's entry, and at the end the last one's way out.
+    bend : (n,) float32 array
+        See `bends`.
+    """
+
+    corners: np.ndarray
+    weight: np.ndarray
+    bend: np.ndarray
+
+
+def bends(distance: np.ndarray) -> np.ndarray:
+    """Return how far from each crossing to the next, on average, lies what is seen of a straight surface between them.
+
+    Tangents are seen alike often: at share ``s`` of the way from distance 1 to ``r`` the tangent is ``s r / (1 + s (r − 1))``
+    of its way, so the mean of ``s`` is ``1 − r (1 − ln r / (r − 1)) / (r − 1)``: a half from afar, 0 where the receiver lies
+    on the surface.
+
+    Parameters
+    ----------
+    distance : (n,) array
+        Of the crossings, rising; the first stretch begins at 0.
+
+    Returns
+    -------
+    (n,) float64 array
+    """
+    before = np.concatenate([[0.0], distance[:-1]])
+    r = distance / np.maximum(before, 1e-9 * distance)
+    far = np.maximum(r - 1, 1e-3)
+    return np.where(r < 1 + 1e-3, 0.5, 1 - r * (1 - np.log(r) / far) / far)
+
+
 @nb.njit(cache=True)
 def _strip(
-    heights, stride, edge, top, light, image, triangles, feet, slack, share, own, nz, a, horizon, out, pitch, channels, i,
+    heights, stride, edge, top, light, image, corners, passed, bend, slack, share, east, north,
+    own, normals, horizon, out, pitch, channels, i,
     first, second, weight, scale, drop, upto, down, inverse, fall, tops, begins,
 ):  # fmt: skip
     # `surface` for receivers in rows ``i`` to ``i + 15``
-    leave, mine, best = leaves(down, stride, i), MINE * LANES, BEST * LANES
-    work, sums = np.zeros(5 * LANES, np.float32), np.zeros(channels * LANES, np.float32)
-    # As many as a ray crosses in one stretch, and one to overwrite
-    most = 1 + max([upto[min(k + SIZES[0], len(upto) - 1)] - upto[k] for k in range(len(upto))])
-    rises, which = np.empty(most * LANES, np.float32), np.empty(most, np.int64)
+    leave, mine, best, size = leaves(down, stride, i), MINE * LANES, BEST * LANES, len(own)
+    facing = len(normals) // (3 * size)
+    work, sums = np.zeros((UP + EACH * facing) * LANES, np.float32), np.zeros(facing * channels * LANES, np.float32)
+    # As many as a ray crosses in one stretch, one before and one to overwrite
+    most = LANES * (2 + max([upto[min(k + SIZES[0], len(upto) - 1)] - upto[k] for k in range(len(upto))]))
+    which = np.empty(most // LANES, np.int64)
+    tangents, rises, spots, sines, cosines, colours = [np.empty(most, np.float32) for _ in range(6)]
+    both = np.empty(2 * LANES, np.float32)
     looked = 0
-    for x in range(len(own) // pitch):
+    for x in range(size // pitch):
         place, at, last = x * stride + i, x * pitch + i, min(edge - x, leave)
-        for values in (horizon, own, nz, a, out):
+        for values in (horizon, own):
             soon(values, at + AHEAD * pitch)
-        start(work, horizon, own, nz, a, at)
+        for q in range(3 * facing):
+            soon(normals, q * size + at + AHEAD * pitch)
+        for q in range(channels * facing):
+            soon(out, q * size + at + AHEAD * pitch)
+        start(work, horizon, own, at)
+        for q in range(facing):
+            face(work, q, normals, facing * size, q * size + at, east, north, facing == 1)
         # To the first whole stretch all is looked at
         begin, k = 0, min(SIZES[0] - (x & (SIZES[0] - 1)), last)
         while True:
             end = upto[k]
-            seen = climb(work, heights, place, first, second, weight, scale, drop, begin, end, rises, which)
-            gains(work, rises, seen)
-            # The triangle on which the receiver itself lies sends it nothing
-            own_triangle = int(seen > 0 and which[0] < feet)
-            for m in range(channels):
-                shine(rises, which, own_triangle, seen, triangles, light, m * image + place, sums, m * LANES)
+            seen = climb(work, heights, place, first, second, weight, scale, drop, begin, end, tangents, which)
+            if seen > 0:
+                measure(work, tangents, begin, which, seen, scale, bend, rises, sines, cosines, spots)
+                for m in range(channels):
+                    tint(which, spots, seen, corners, passed, light, m * image + place, colours)
+                    total(sines, cosines, colours, seen, both)
+                    for q in range(facing):
+                        shine(work, q, rises, sines, cosines, colours, seen, both, sums, (m * facing + q) * LANES)
             looked += end - begin
             k, tests = seek(down, inverse, fall, tops, begins, stride, x, i, k, last, work, mine, work, best)
             looked += tests
-            if k == last or (slack > 0 and not worth(work, top, inverse[k], fall[k], slack)):
+            if k == last:
                 break
+            if slack > 0:
+                more = False
+                for q in range(facing):
+                    more |= worth(work, q, top, inverse[k], fall[k], slack)
+                if not more:
+                    break
             begin, k = upto[k], min(k + SIZES[0], last)
         for lane in range(LANES):
             horizon[at + lane] = work[best + lane]
-        for m in range(channels):
-            pour(sums, m * LANES, share, out, m * len(own) + at)
+        for m in range(channels * facing):
+            pour(sums, m * LANES, share, out, m * size + at)
     return looked
 
 
 @nb.njit(cache=True, parallel=True)
-def surface(laid, radiance, own, nz, a, way, triangles, feet, slack, share, horizon, out, receivers):
-    """Add to ``out`` the irradiance per radian of azimuth that the surface sends along one direction's rays.
+def surface(laid, radiance, own, normals, east, north, way, shown, slack, share, horizon, out, receivers):
+    """Add to ``out`` the irradiance that the surface sends along one direction's rays, times ``share``.
 
     Parameters
     ----------
     laid : (S², columns, rows + margin) float32 array
         Turned heights, centred, as `faces.planes` deals them.
-    radiance : (channels, 2 · S², columns − 1, rows + margin) float32 array
-        Of the triangles, a row before the first and one behind the last, as `faces.bordered` has them.
-    own, nz, a : (m, n) float32 arrays
-        The receivers' heights, and their normals' components upwards and along the direction; columns lie first, n is a
-        multiple of 16.
+    radiance : (channels, 6 · S², columns − 1, rows + margin) float32 array
+        At the triangles' corners, a row before the first and one behind the last, as `faces.bordered` has them.
+    own : (n, m) float32 array
+        The receivers' heights; columns lie first, m is a multiple of 16.
+    normals : (3, f, n, m) float32 array
+        Their unit normals.
+    east, north : float
+        Of the direction.
     way : skip.Way
-    triangles : (l,) int64 array
-        Place in ``radiance`` of the triangle before each crossing, from the receiver's cell.
-    feet : int
-        1 if receivers lie within triangles, which send them nothing; else 0.
+    shown : Shown
     slack : float
         Stop where all that may still appear weighs less than this, over all receivers side by side.
     share : float
         Factor of what is added.
-    horizon : (m, n) float32 array
-        Tangents below which the receiver's own plane hides everything, infinite for what is no receiver; of its horizon
-        afterwards.
-    out : (channels, m, n) float32 array
+    horizon : (n, m) float32 array
+        −∞, or ∞ for what is no receiver; tangents of their horizons afterwards. Where there is one normal, what its plane
+        hides counts as well.
+    out : (channels, f, n, m) float32 array
     receivers : int
         Rows of receivers.
 
@@ -116,13 +180,14 @@ def surface(laid, radiance, own, nz, a, way, triangles, feet, slack, share, hori
     """
     heights, light, image, strips = laid.ravel(), radiance.ravel(), radiance[0].size, own.shape[1] // LANES
     top, half, looked = heights.max(), (strips + 1) // 2, 0
-    mine, up, along, found, sums = own.ravel(), nz.ravel(), a.ravel(), horizon.ravel(), out.ravel()
+    mine, up, found, sums = own.ravel(), normals.ravel(), horizon.ravel(), out.ravel()
     first, second, weight, scale, drop, upto, down, inverse, fall, tops, begins = way
+    corners, passed, bend = shown
     for t in nb.prange(strips):
         i = LANES * (2 * t if t < half else 2 * (t - half) + 1)
         looked += min(LANES, receivers - i) * _strip(
-            *(heights, laid.shape[2], laid.shape[1] - 1, top, light, image, triangles, feet, slack, share),
-            *(mine, up, along, found, sums, own.shape[1], len(out), i),
+            *(heights, laid.shape[2], laid.shape[1] - 1, top, light, image, corners, passed, bend, slack, share, east, north),
+            *(mine, up, found, sums, own.shape[1], len(out), i),
             *(first, second, weight, scale, drop, upto, down, inverse, fall, tops, begins),
         )
     return looked
@@ -154,18 +219,33 @@ def sky_table(radiance) -> np.ndarray:
     return out.astype(np.float32)
 
 
+@nb.njit(cache=True, error_model="numpy")
+def _starts(horizon, x, y, up, east, north, along, at):
+    # Where in the sky's table a row of receivers begins to see it
+    scale, middle = np.float32((NODES - 1) / np.pi), np.float32((NODES - 1) / 2)
+    for j in range(len(at)):
+        along[j] = x[j] * east + y[j] * north
+        at[j] = _elevation(max(horizon[j], -along[j] / up[j])) * scale + middle
+
+
 @nb.njit(cache=True, parallel=True)
-def add_sky(horizon, nz, a, table, width, out):
-    """Add the sky above tangents ``horizon`` to ``out`` (channels, rows, columns); ``width`` is the sector's in radians."""
+def add_sky(horizon, normals, east, north, table, width, out):
+    """Add the sky of a sector of ``width`` radians, above tangents ``horizon`` and the receivers' own planes.
+
+    ``horizon`` is (n, m), ``normals`` (3, f, n, m), ``out`` (channels, f, n, m).
+    """
     rows, columns = horizon.shape
-    nodes, channels = table.shape[1], table.shape[2]
-    scale, middle, width = np.float32((nodes - 1) / np.pi), np.float32((nodes - 1) / 2), np.float32(width)
+    facing, channels = normals.shape[1], table.shape[2]
+    east, north, width = np.float32(east), np.float32(north), np.float32(width)
     for i in nb.prange(rows):
-        for j in range(columns):
-            at = _elevation(horizon[i, j]) * scale + middle
-            k = np.uint32(min(max(at, np.float32(0)), np.float32(nodes - 2)))
-            f, up, along = at - np.float32(k), nz[i, j], a[i, j]
-            for c in range(channels):
-                s = table[0, k, c] + f * (table[0, k + 1, c] - table[0, k, c])
-                t = table[1, k, c] + f * (table[1, k + 1, c] - table[1, k, c])
-                out[c, i, j] += width * max(up * s + along * t, np.float32(0))
+        along, at = np.empty(columns, np.float32), np.empty(columns, np.float32)
+        for q in range(facing):
+            up = normals[2, q, i]
+            _starts(horizon[i], normals[0, q, i], normals[1, q, i], up, east, north, along, at)
+            for j in range(columns):
+                k = np.uint32(min(max(at[j], np.float32(0)), np.float32(NODES - 2)))
+                f = at[j] - np.float32(k)
+                for c in range(channels):
+                    s = table[0, k, c] + f * (table[0, k + 1, c] - table[0, k, c])
+                    t = table[1, k, c] + f * (table[1, k + 1, c] - table[1, k, c])
+                    out[c, q, i, j] += width * max(up[j] * s + along[j] * t, np.float32(0))

@@ -10,7 +10,13 @@ from numba.extending import intrinsic
 from .lanes import _F32, LANES, _any, _load, _pointer, _splat, address, sixteen
 from .lanes_skip import FUSED, crossing
 
-BEST, MINE, UP, ALONG, SEEN = range(5)  # rows of the working memory
+_BITS = ir.VectorType(ir.IntType(1), LANES)
+
+# Rows of the working memory; the last four once for each normal
+BEST, MINE, UP, ALONG, LEAST, NONE = range(6)
+EACH = NONE + 1 - UP
+TINY = 1e-30
+STEEPEST = 1e12
 
 # Minimax polynomial of the arc tangent over [0, 1], absolute error 2e-6
 ARC = (-0.01172120, 0.05265332, -0.11643287, 0.19354346, -0.33262347, 0.99997726)
@@ -21,37 +27,86 @@ def _constant(value):
     return ir.Constant(_F32, [value] * LANES)
 
 
-def _weight(builder, t, nz, a):
-    # W(t) = ½ (nz t² c + a (atan t + t c)), c = 1 / (1 + t²), in all lanes; the formula is `gather`'s
-    one = _constant(1.0)
-    magnitude = builder.fneg(t)
-    magnitude = builder.select(builder.fcmp_ordered("<", t, _constant(0.0)), magnitude, t)
-    steep = builder.fcmp_ordered(">", magnitude, one)
-    z = builder.select(steep, builder.fdiv(one, magnitude), magnitude)
+def _bounded(builder, t):
+    # Magnitude, up to `STEEPEST`, and where it is negative
+    below = builder.fcmp_ordered("<", t, _constant(0.0))
+    magnitude = builder.select(below, builder.fneg(t), t)
+    most = _constant(STEEPEST)
+    return builder.select(builder.fcmp_ordered("<", magnitude, most), magnitude, most), below
+
+
+def _angle(builder, magnitude, inverse, below):
+    # Arc tangent in all lanes; ``inverse`` is that of magnitudes above 1
+    steep = builder.fcmp_ordered(">", magnitude, _constant(1.0))
+    z = builder.select(steep, inverse, magnitude)
     q = builder.fmul(z, z)
     e = _constant(ARC[0])
     for coefficient in ARC[1:]:
         e = builder.fadd(builder.fmul(e, q, flags=FUSED), _constant(coefficient), flags=FUSED)
     e = builder.fmul(e, z)
     e = builder.select(steep, builder.fsub(_constant(QUARTER), e), e)
-    e = builder.select(builder.fcmp_ordered("<", t, _constant(0.0)), builder.fneg(e), e)
-    c = builder.fdiv(one, builder.fadd(one, builder.fmul(t, t, flags=FUSED), flags=FUSED))
-    tc = builder.fmul(t, c)
-    side = builder.fmul(a, builder.fadd(e, tc))
-    return builder.fmul(_constant(0.5), builder.fadd(builder.fmul(nz, builder.fmul(t, tc), flags=FUSED), side, flags=FUSED))
+    return builder.select(below, builder.fneg(e), e)
+
+
+def _moments(builder, t):
+    # ½ t² c and ½ (atan t + t c), c = 1 / (1 + t²), in all lanes: W is n_z and a times them
+    half, one = _constant(0.5), _constant(1.0)
+    magnitude, below = _bounded(builder, t)
+    square = builder.fmul(magnitude, magnitude)
+    whole = builder.fadd(one, square)
+    # One division for both 1 / t and c
+    large = builder.select(builder.fcmp_ordered(">", magnitude, one), magnitude, one)
+    both = builder.fdiv(one, builder.fmul(large, whole))
+    c = builder.fmul(half, builder.fmul(both, large))
+    e = _angle(builder, magnitude, builder.fmul(both, whole), below)
+    tc = builder.fmul(magnitude, c)
+    tc = builder.select(below, builder.fneg(tc), tc)
+    return builder.fmul(square, c), builder.fadd(builder.fmul(half, e, flags=FUSED), tc, flags=FUSED)
+
+
+def _sum(builder, nz, a, moments):
+    return builder.fadd(builder.fmul(nz, moments[0], flags=FUSED), builder.fmul(a, moments[1]), flags=FUSED)
 
 
 @intrinsic
-def start(typingctx, work, horizon, own, nz, a, at):
-    """Fill the working memory of the receivers from place ``at`` of flat float32 arrays on; `SEEN` is W at their horizons."""
-    sig = types.void(work, horizon, own, nz, a, types.intp)
+def start(typingctx, work, horizon, own, at):
+    """Fill the working memory of the receivers from place ``at`` of flat float32 arrays on, but for their normals."""
+    sig = types.void(work, horizon, own, types.intp)
 
     def generate(context, builder, signature, arguments):
         row = _rows(context, builder, signature.args[0], arguments[0])
-        for k, kind, value in zip((BEST, MINE, UP, ALONG), signature.args[1:5], arguments[1:5], strict=True):
-            builder.store(sixteen(context, builder, kind, value, arguments[5]), row(k), align=4)
-        t, nz, a = (_load(builder, row(k)) for k in (BEST, UP, ALONG))
-        builder.store(_weight(builder, t, nz, a), row(SEEN), align=4)
+        for k, kind, value in zip((BEST, MINE), signature.args[1:3], arguments[1:3], strict=True):
+            builder.store(sixteen(context, builder, kind, value, arguments[3]), row(k), align=4)
+
+    return sig, generate
+
+
+@intrinsic
+def face(typingctx, work, which, normals, size, at, east, north, alone):
+    """Fill in normal number ``which``: three components, ``size`` elements apart in a flat float32 array.
+
+    ``east`` and ``north``: of the direction. `LEAST` is the tangent at which the plane rises there, `NONE` W at it. A normal
+    that is ``alone`` makes it the least that a horizon can be.
+    """
+    number = types.intp
+    sig = types.void(work, number, normals, number, number, types.float32, types.float32, types.boolean)
+
+    def generate(context, builder, signature, arguments):
+        work, which, normals, size, at, east, north, alone = arguments
+        row = _rows(context, builder, signature.args[0], work, which)
+        places = at, builder.add(at, size), builder.add(at, builder.add(size, size))
+        x, y, nz = (sixteen(context, builder, signature.args[2], normals, p) for p in places)
+        a = builder.fadd(builder.fmul(x, _splat(builder, east, _F32)), builder.fmul(y, _splat(builder, north, _F32)))
+        least = builder.fdiv(builder.fneg(a), nz)
+        # There the sines and cosines of W cancel but for the angle's
+        magnitude, below = _bounded(builder, least)
+        angle = _angle(builder, magnitude, builder.fdiv(_constant(1.0), magnitude), below)
+        none = builder.fmul(builder.fmul(_constant(0.5), a), angle)
+        for k, value in ((UP, nz), (ALONG, a), (LEAST, least), (NONE, none)):
+            builder.store(value, row(k), align=4)
+        best = _load(builder, row(BEST))
+        higher = builder.and_(builder.fcmp_ordered(">", least, best), _splat(builder, alone, _BITS))
+        builder.store(builder.select(higher, least, best), row(BEST), align=4)
 
     return sig, generate
 
@@ -75,108 +130,243 @@ def pour(typingctx, values, place, share, out, at):
 
 
 @intrinsic
-def climb(typingctx, work, heights, place, first, second, weight, scale, drop, begin, end, steps, which):
+def climb(typingctx, work, heights, place, first, second, weight, scale, drop, begin, end, tangents, which):
     """Let the receivers look at crossings ``begin`` to ``end`` (excluded); parameters as `lanes_skip.look` has them.
 
-    Of every crossing above the horizon of any of them, the tangents of all horizons after it and its number are written to
-    ``steps`` (flat float32) and ``which`` (int64), one after the other. Returns how many.
+    The tangents under which they see each are written to ``tangents`` (flat float32, sixteen each), after those of the
+    crossing before, and the numbers of crossings above the horizon of any of them to ``which`` (int64). Returns how many.
     """
     number = types.intp
-    sig = number(work, heights, number, first, second, weight, scale, drop, number, number, steps, which)
+    sig = number(work, heights, number, first, second, weight, scale, drop, number, number, tangents, which)
 
     def generate(context, builder, signature, arguments):
-        work, heights, place, first, second, weight, scale, drop, begin, end, steps, which = arguments
+        work, heights, place, *_, begin, end, tangents, which = arguments
         kinds = signature.args
         row = _rows(context, builder, kinds[0], work)
-        mine = _load(builder, row(MINE))
+        mine, zero, one = _load(builder, row(MINE)), ir.Constant(begin.type, 0), ir.Constant(begin.type, 1)
         best_at, count_at = cgutils.alloca_once(builder, _F32), cgutils.alloca_once(builder, begin.type)
         builder.store(_load(builder, row(BEST)), best_at)
-        builder.store(ir.Constant(begin.type, 0), count_at)
-        with cgutils.for_range_slice(builder, begin, end, ir.Constant(begin.type, 1), inc=True) as (n, _):
+        builder.store(zero, count_at)
+
+        def look(n, k):
             rise = crossing(context, builder, kinds[1], heights, place, mine, n, zip(kinds[3:8], arguments[3:8], strict=True))
-            best, count = builder.load(best_at), builder.load(count_at)
+            builder.store(rise, _pointer(context, builder, kinds[10], tangents, _F32, k), align=4)
+            return rise
+
+        # Before the first crossing of all is the receiver itself
+        look(builder.select(builder.icmp_signed(">", begin, zero), builder.sub(begin, one), begin), zero)
+        with cgutils.for_range_slice(builder, begin, end, one, inc=True) as (n, _):
+            rise, best, count = (
+                look(n, builder.add(builder.sub(n, begin), one)),
+                builder.load(best_at),
+                builder.load(count_at),
+            )
             new = builder.fcmp_ordered(">", rise, best)
-            best = builder.select(new, rise, best)
-            builder.store(best, best_at)
+            builder.store(builder.select(new, rise, best), best_at)
             # Written in any case, and overwritten unless it counts: what is seen cannot be predicted
-            builder.store(best, _pointer(context, builder, kinds[10], steps, _F32, count), align=4)
             builder.store(n, address(context, builder, kinds[11], which, count))
             builder.store(builder.add(count, builder.zext(_any(builder, new), count.type)), count_at)
-        builder.store(builder.load(best_at), row(BEST), align=4)
         return builder.load(count_at)
 
     return sig, generate
 
 
 @intrinsic
-def gains(typingctx, work, steps, count):
-    """Turn ``count`` tangents, sixteen receivers each, into the differences of W that they make."""
-    sig = types.void(work, steps, types.intp)
+def measure(typingctx, work, tangents, begin, which, count, scale, bend, rises, sines, cosines, spots):
+    """Raise the horizons to ``count`` crossings ``which``, and find what each of them newly shows.
 
-    def generate(context, builder, signature, arguments):
-        work, steps, count = arguments
-        row = _rows(context, builder, signature.args[0], work)
-        nz, a = _load(builder, row(UP)), _load(builder, row(ALONG))
-        seen = cgutils.alloca_once(builder, _F32)
-        builder.store(_load(builder, row(SEEN)), seen)
-        with cgutils.for_range(builder, count) as loop:
-            at = _pointer(context, builder, signature.args[1], steps, _F32, loop.index)
-            total = _weight(builder, _load(builder, at), nz, a)
-            builder.store(builder.fsub(total, builder.load(seen)), at, align=4)
-            builder.store(total, seen)
-        builder.store(builder.load(seen), row(SEEN), align=4)
-
-    return sig, generate
-
-
-@intrinsic
-def shine(typingctx, gains, which, begin, end, triangles, light, place, out, at):
-    """Add gains ``begin`` to ``end`` times their triangles' light to ``out[at]`` and on (flat float32).
-
-    Crossing ``n`` shows ``light[place + triangles[n]]`` and those that follow, a receiver each.
+    Written are, sixteen receivers each: the horizons before and after each to ``rises``, of them the two moments that make W
+    to ``sines`` and ``cosines``, and to ``spots`` where between the crossing before (0) and this one (1) lies what is
+    newly seen, on average. What is seen begins where the old horizon's sight line meets the surface. From afar its middle is
+    half way from there, from near it is ``bend`` of the way (`gather.bends`). Other parameters as `climb` has them.
     """
     number = types.intp
-    sig = types.void(gains, which, number, number, triangles, light, number, out, number)
+    sig = types.void(work, tangents, number, which, number, scale, bend, rises, sines, cosines, spots)
 
     def generate(context, builder, signature, arguments):
-        gains, which, begin, end, triangles, light, place, out, at = arguments
+        work, tangents, begin, which, count, scale, bend, *results = arguments
         kinds = signature.args
-        target = builder.bitcast(address(context, builder, kinds[7], out, at), ir.PointerType(_F32))
-        total = cgutils.alloca_once(builder, _F32)
-        builder.store(_load(builder, target), total)
-        with cgutils.for_range_slice(builder, begin, end, ir.Constant(begin.type, 1), inc=True) as (m, _):
-            n = builder.load(address(context, builder, kinds[1], which, m))
-            triangle = builder.load(address(context, builder, kinds[4], triangles, n))
-            radiance = sixteen(context, builder, kinds[5], light, builder.add(place, triangle))
-            gain = _load(builder, _pointer(context, builder, kinds[0], gains, _F32, m))
-            more = builder.fmul(gain, radiance, flags=FUSED)
-            builder.store(builder.fadd(builder.load(total), more, flags=FUSED), total)
-        builder.store(builder.load(total), target, align=4)
+        row = _rows(context, builder, kinds[0], work)
+        best_at = cgutils.alloca_once(builder, _F32)
+        nothing, zero, one = _constant(0.0), ir.Constant(count.type, 0), ir.Constant(count.type, 1)
+
+        def write(m, *values):
+            for kind, target, value in zip(kinds[7:], results, values, strict=False):
+                builder.store(value, _pointer(context, builder, kind, target, _F32, m), align=4)
+
+        def positive(value):
+            return builder.select(builder.fcmp_ordered(">", value, nothing), value, nothing)
+
+        def listed(k, n):
+            return _splat(builder, builder.load(address(context, builder, kinds[k], arguments[k], n)), _F32)
+
+        def seen(k):
+            return _load(builder, _pointer(context, builder, kinds[1], tangents, _F32, k))
+
+        best = _load(builder, row(BEST))
+        builder.store(best, best_at)
+        write(zero, best, *_moments(builder, best))
+        with cgutils.for_range(builder, count) as loop:
+            m = loop.index
+            n = builder.load(address(context, builder, kinds[3], which, m))
+            k, old = builder.sub(n, begin), builder.load(best_at)
+            before, rise = seen(k), seen(builder.add(k, one))
+            new = builder.select(builder.fcmp_ordered(">", rise, old), rise, old)
+            builder.store(new, best_at)
+            # Heights below and above the old sight line; distances are inverse, so each is divided by the other's
+            last = builder.select(builder.icmp_signed(">", n, zero), builder.sub(n, one), n)
+            under = builder.fmul(positive(builder.fsub(old, before)), listed(5, n))
+            over = builder.fmul(builder.fsub(new, old), listed(5, last))
+            start = builder.fdiv(under, builder.fadd(builder.fadd(under, over), _constant(TINY)))
+            near = listed(6, n)
+            middle = builder.fadd(near, builder.fmul(start, builder.fsub(_constant(0.5), near), flags=FUSED), flags=FUSED)
+            rest = builder.fmul(builder.fsub(_constant(1.0), start), middle, flags=FUSED)
+            at = _pointer(context, builder, kinds[10], results[3], _F32, m)
+            builder.store(builder.fadd(start, rest, flags=FUSED), at, align=4)
+            write(builder.add(m, one), new, *_moments(builder, new))
+        builder.store(builder.load(best_at), row(BEST), align=4)
 
     return sig, generate
 
 
 @intrinsic
-def worth(typingctx, work, top, near, fall, slack):
-    """Whether a surface up to height ``top`` may add more than ``slack`` to W of any receiver, from ``near`` (inverse) on."""
-    sig = types.boolean(work, types.float32, types.float32, types.float32, types.float32)
+def tint(typingctx, which, spots, count, corners, weight, light, place, colours):
+    """Write what ``count`` crossings show of the surface's radiance to ``colours``, sixteen receivers each.
+
+    Crossing ``n`` shows a triangle between the one before and itself: its radiance there is straight between
+    ``light[place + corners[4 n]]`` and ``[4 n + 1]``, by ``weight[n]``, and between ``[4 n + 2]`` and ``[4 n + 3]``, by
+    ``weight[n + 1]``; how far between the two crossings is in ``spots``.
+    """
+    number = types.intp
+    sig = types.void(which, spots, number, corners, weight, light, number, colours)
 
     def generate(context, builder, signature, arguments):
-        work, top, near, fall, slack = arguments
-        row = _rows(context, builder, signature.args[0], work)
-        top, near, fall, slack = (_splat(builder, v, _F32) for v in (top, near, fall, slack))
-        rise = builder.fsub(builder.fmul(builder.fsub(top, _load(builder, row(MINE))), near), fall)
-        best = _load(builder, row(BEST))
-        rise = builder.select(builder.fcmp_ordered(">", rise, best), rise, best)
-        total = _weight(builder, rise, _load(builder, row(UP)), _load(builder, row(ALONG)))
-        return _any(builder, builder.fcmp_ordered(">", builder.fsub(total, _load(builder, row(SEEN))), slack))
+        which, spots, count, corners, weight, light, place, colours = arguments
+        kinds = signature.args
+
+        def between(a, b, share):
+            return builder.fadd(a, builder.fmul(share, builder.fsub(b, a), flags=FUSED), flags=FUSED)
+
+        with cgutils.for_range(builder, count) as loop:
+            n = builder.load(address(context, builder, kinds[0], which, loop.index))
+            ends = []
+            for side in (0, 1):
+                w = builder.load(address(context, builder, kinds[4], weight, builder.add(n, ir.Constant(n.type, side))))
+                pair = []
+                for k in (2 * side, 2 * side + 1):
+                    four = builder.add(builder.mul(n, ir.Constant(n.type, 4)), ir.Constant(n.type, k))
+                    offset = builder.load(address(context, builder, kinds[3], corners, four))
+                    pair.append(sixteen(context, builder, kinds[5], light, builder.add(place, offset)))
+                ends.append(between(*pair, _splat(builder, w, _F32)))
+            spot = _load(builder, _pointer(context, builder, kinds[1], spots, _F32, loop.index))
+            builder.store(between(*ends, spot), _pointer(context, builder, kinds[7], colours, _F32, loop.index), align=4)
 
     return sig, generate
 
 
-def _rows(context, builder, kind, work):
-    # Address of each row of the working memory, (5, 16) float32
+@intrinsic
+def total(typingctx, sines, cosines, colours, count, both):
+    """Write the sums of the moments' differences times ``colours``, over ``count`` crossings, to ``both`` (32 float32)."""
+    sig = types.void(sines, cosines, colours, types.intp, both)
+
+    def generate(context, builder, signature, arguments):
+        sines, cosines, colours, count, both = arguments
+        kinds = signature.args
+        one, parts = ir.Constant(count.type, 1), []
+        for kind, values in ((kinds[0], sines), (kinds[1], cosines)):
+            got = cgutils.alloca_once(builder, _F32)
+            builder.store(_constant(0.0), got)
+            parts.append((kind, values, got))
+        with cgutils.for_range(builder, count) as loop:
+            colour = _load(builder, _pointer(context, builder, kinds[2], colours, _F32, loop.index))
+            for kind, values, got in parts:
+                before, now = (
+                    _load(builder, _pointer(context, builder, kind, values, _F32, m))
+                    for m in (loop.index, builder.add(loop.index, one))
+                )
+                more = builder.fmul(builder.fsub(now, before), colour, flags=FUSED)
+                builder.store(builder.fadd(builder.load(got), more, flags=FUSED), got)
+        for k, (*_, got) in enumerate(parts):
+            at = _pointer(context, builder, kinds[4], both, _F32, ir.Constant(count.type, k))
+            builder.store(builder.load(got), at, align=4)
+
+    return sig, generate
+
+
+@intrinsic
+def shine(typingctx, work, which, rises, sines, cosines, colours, count, both, out, at):
+    """Add to ``out[at]`` and on (flat float32) what normal ``which`` gains from ``count`` crossings.
+
+    That is the differences of W that ``rises``, whose moments are ``sines`` and ``cosines``, make above the normal's plane,
+    times the crossings' ``colours``; where all lies above it, ``both`` sums (see `total`) say it.
+    """
+    number = types.intp
+    sig = types.void(work, number, rises, sines, cosines, colours, number, both, out, number)
+
+    def generate(context, builder, signature, arguments):
+        work, which, rises, sines, cosines, colours, count, both, out, at = arguments
+        kinds = signature.args
+        row = _rows(context, builder, kinds[0], work, which)
+        nz, a, least = (_load(builder, row(k)) for k in (UP, ALONG, LEAST))
+        target = builder.bitcast(address(context, builder, kinds[8], out, at), ir.PointerType(_F32))
+        zero, one = ir.Constant(count.type, 0), ir.Constant(count.type, 1)
+
+        def reached(m):
+            arrays = (kinds[2], rises), (kinds[3], sines), (kinds[4], cosines)
+            return [_load(builder, _pointer(context, builder, k, v, _F32, m)) for k, v in arrays]
+
+        got = cgutils.alloca_once(builder, _F32)
+        builder.store(_load(builder, target), got)
+        first, *moments = reached(zero)
+        with builder.if_else(_any(builder, builder.fcmp_ordered("<", first, least))) as (some, none):
+            with some:
+                hidden, seen = _load(builder, row(NONE)), cgutils.alloca_once(builder, _F32)
+                builder.store(
+                    builder.select(builder.fcmp_ordered(">", first, least), _sum(builder, nz, a, moments), hidden), seen
+                )
+                with cgutils.for_range(builder, count) as loop:
+                    t, *now = reached(builder.add(loop.index, one))
+                    w = builder.select(builder.fcmp_ordered(">", t, least), _sum(builder, nz, a, now), hidden)
+                    colour = _load(builder, _pointer(context, builder, kinds[5], colours, _F32, loop.index))
+                    more = builder.fmul(builder.fsub(w, builder.load(seen)), colour, flags=FUSED)
+                    builder.store(builder.fadd(builder.load(got), more, flags=FUSED), got)
+                    builder.store(w, seen)
+            with none:
+                sums = [
+                    _load(builder, _pointer(context, builder, kinds[7], both, _F32, ir.Constant(count.type, k)))
+                    for k in (0, 1)
+                ]
+                builder.store(builder.fadd(builder.load(got), _sum(builder, nz, a, sums), flags=FUSED), got)
+        builder.store(builder.load(got), target, align=4)
+
+    return sig, generate
+
+
+@intrinsic
+def worth(typingctx, work, which, top, near, fall, slack):
+    """Whether a surface up to ``top`` may add more than ``slack`` to W of any receiver, from ``near`` (inverse) on."""
+    sig = types.boolean(work, types.intp, types.float32, types.float32, types.float32, types.float32)
+
+    def generate(context, builder, signature, arguments):
+        work, which, top, near, fall, slack = arguments
+        row = _rows(context, builder, signature.args[0], work, which)
+        top, near, fall, slack = (_splat(builder, v, _F32) for v in (top, near, fall, slack))
+        rise = builder.fsub(builder.fmul(builder.fsub(top, _load(builder, row(MINE))), near), fall)
+        nz, a, least, best = (_load(builder, row(k)) for k in (UP, ALONG, LEAST, BEST))
+        seen = builder.select(builder.fcmp_ordered(">", best, least), best, least)
+        rise = builder.select(builder.fcmp_ordered(">", rise, seen), rise, seen)
+        after, before = (_sum(builder, nz, a, _moments(builder, t)) for t in (rise, seen))
+        return _any(builder, builder.fcmp_ordered(">", builder.fsub(after, before), slack))
+
+    return sig, generate
+
+
+def _rows(context, builder, kind, work, which=None):
+    # Address of each row of the working memory, (2 + 4 m, 16) float32
     def row(k):
-        return _pointer(context, builder, kind, work, _F32, ir.Constant(ir.IntType(64), k))
+        place = ir.Constant(ir.IntType(64), k)
+        if which is not None and k >= UP:
+            place = builder.add(place, builder.mul(which, ir.Constant(ir.IntType(64), EACH)))
+        return _pointer(context, builder, kind, work, _F32, place)
 
     return row

@@ -23,6 +23,17 @@ def _weight(t, nz, a):
     return 0.5 * (nz * t * t * c + a * (np.arctan(t) + t * c))
 
 
+@nb.njit(cache=True)
+def _bend(before, t):
+    # `gather.bends` of one stretch
+    if t - before < 1e-3 * before:
+        return 0.5
+    if before < 1e-9 * t:
+        return 0.0
+    r = t / before
+    return 1 - r * (1 - np.log(r) / (r - 1)) / (r - 1)
+
+
 @nb.njit(cache=True, parallel=True)
 def _gather(heights, places, nz, a, south, east, limit, curve, radiance, horizon, out):
     # Add what the surface sends along one direction, per radian of azimuth, and raise the horizons
@@ -36,7 +47,7 @@ def _gather(heights, places, nz, a, south, east, limit, curve, radiance, horizon
     for p in nb.prange(len(places)):
         y, x, eye = places[p]
         tr, tc, td = next_crossing(y, south), next_crossing(x, east), next_crossing(x - y, across)
-        best, before = horizon[p], 0.0
+        best, before, last = horizon[p], 0.0, np.inf
         seen = _weight(best, nz[p], a[p])
         while True:
             t = min(tr, tc, td)
@@ -49,14 +60,23 @@ def _gather(heights, places, nz, a, south, east, limit, curve, radiance, horizon
             rise = (h - eye) / t - curve * t
             if rise > best:
                 now = _weight(rise, nz[p], a[p])
+                # Where what is newly seen begins, and its middle (see `lanes_light.climb`)
+                under, over = max(best - last, 0.0) * before, (rise - best) * t
+                from_ = under / (under + over) if under > 0 else 0.0
+                near = _bend(before, t)
+                spot = before + (from_ + (1 - from_) * (near + from_ * (0.5 - near))) * (t - before)
                 middle = 0.5 * (before + t)
                 for side in (-ASIDE, ASIDE):
                     v, u = y + middle * south + side * east / length, x + middle * east - side * south / length
                     r, c = min(max(int(v), 0), rows - 2), min(max(int(u), 0), columns - 2)
                     kind = 0 if v - r > u - c else 1
+                    v, u = min(max(y + spot * south - r, 0.0), 1.0), min(max(x + spot * east - c, 0.0), 1.0)
+                    far, low, high = abs(v - u), min(v, u), max(v, u)
                     for k in range(channels):
-                        out[k, p] += 0.5 * (now - seen) * radiance[k, kind, r, c]
+                        f = radiance[k, kind, :, r, c]
+                        out[k, p] += 0.5 * (now - seen) * ((1 - high) * f[0] + far * f[1] + low * f[2])
                 best, seen = rise, now
+            last = rise
             # Crossings at one place count once
             before, here = t, t * (1 + 1e-12)
             if tr <= here:
@@ -82,8 +102,8 @@ def arriving(field, places, n, azimuths, tables, radiance=None, s: int = 1, step
         Radians clockwise from north.
     tables : K arrays
         The sky's, as `gather.sky_table` returns them.
-    radiance : (channels, 2, s · (rows − 1), s · (columns − 1)) array, optional
-        Of the triangles south-west of their cells' diagonals, then north-east.
+    radiance : (channels, 2, 3, s · (rows − 1), s · (columns − 1)) array, optional
+        Of the triangles at their corners (see `faces.corners`), those south-west of their cells' diagonals first.
     s : int
         Cells into which a cell is cut, a side.
     step : callable, optional
@@ -99,7 +119,7 @@ def arriving(field, places, n, azimuths, tables, radiance=None, s: int = 1, step
     s = s if radiance is not None else 1
     heights = np.ascontiguousarray(refine(field.heights, s))
     if radiance is None:
-        radiance = np.zeros((0, 2, 1, 1))
+        radiance = np.zeros((0, 2, 3, 1, 1))
     dy, dx = field.spacing
     at = np.ascontiguousarray((places * np.array([[s], [s], [1]])).T, dtype=np.float64)
     width = 2 * np.pi / len(azimuths)
@@ -110,7 +130,7 @@ def arriving(field, places, n, azimuths, tables, radiance=None, s: int = 1, step
         horizon = np.array(-a / n[2], dtype=np.float64)
         south, east = -np.cos(azimuth) / dy * s, np.sin(azimuth) / dx * s
         _gather(heights, at, n[2], a, south, east, limit, field.curve, radiance, horizon, out)
-        gather.add_sky(horizon[None], n[2:], a[None], table, width, sky)
+        gather.add_sky(horizon[None], n[:, None, None], np.sin(azimuth), np.cos(azimuth), table, width, sky[:, None])
         if step:
             step()
     return (out * width).astype(np.float32) + sky[:, 0]

@@ -1,7 +1,7 @@
 """Light between the sky, lamps and the surface itself, over several bounces: sweeps of `gather`, added up (§10.1).
 
-What the surface sends is known for each of its triangles (`faces`); what it receives is first found for those, a bounce at a
-time, and last for the grid points.
+What the surface sends is known for each of its triangles, straight between their corners (`faces`); what it receives is first
+found for those, a bounce at a time, and last for the grid points.
 """
 
 from __future__ import annotations
@@ -10,9 +10,9 @@ import numpy as np
 
 from ..errors import InputError
 from . import gather, light, pointlight, points
-from .faces import faces_of, mean, places
+from .faces import cornered, corners, mean, places, triangle_normals
 from .passes import Passes
-from .surface import normals
+from .surface import normals, refine
 
 
 def irradiance(
@@ -64,9 +64,7 @@ def irradiance(
         tangents = field._tangents(azimuths, method)
         width = 2 * np.pi / len(azimuths)
         for az, table, t in zip(azimuths, tables, tangents, strict=True):
-            a = n[0] * np.float32(np.sin(az)) + n[1] * np.float32(np.cos(az))
-            floor = np.maximum(t, -a / n[2])
-            gather.add_sky(floor, n[2], a, table, width, e)
+            gather.add_sky(t, n[:, None], np.sin(az), np.cos(az), table, width, e[:, None])
             step()
     if sun is not None:
         e += light.sunlight(sun, lambda az, el, r: field._lit(az, el, r, method, at), own, channels)
@@ -75,22 +73,25 @@ def irradiance(
     if not passes:
         return e if at is None else e + pointlight.arriving(field, spots, own, azimuths, tables, step=step)
 
-    # Light of the triangles, a bounce at a time; what unknown points would send is left out
+    # Light of the triangles at their corners, a bounce at a time; what unknown points would send is left out
     s = supersampling
-    faces = faces_of(field.heights - field.centre, field.spacing, s)
-    triangles = Passes(field, faces, n, tolerance)
-    known = mean(field.valid | (field.policy == "fill"), s) > 1 - 1e-6
-    glow, share = (np.stack([mean(c, s) for c in image]).astype(np.float32) * known for image in (emission, albedo / np.pi))
+    facing = triangle_normals(field.heights - field.centre, field.spacing, s)
+    triangles = Passes(field, facing, n, s, tolerance)
+    known = mean(field.valid | (field.policy == "fill"), s)[:, None] > 1 - 1e-6
+    glow, share = (
+        cornered(np.stack([refine(c, s) for c in image])).astype(np.float32) * known for image in (emission, albedo / np.pi)
+    )
     radiance = glow
     if bounces > 0:
-        direct = triangles.gathered(True, azimuths, tables=tables, step=step)
+        direct = corners(triangles.gathered(True, azimuths, tables=tables, step=step))
         if sun is not None:
-            direct += light.sunlight(sun, triangles.shadow, faces.normals, channels)
+            direct += light.sunlight(sun, triangles.shadow, facing[:, :, None], channels)
         if lamps:
             centroids = places(field.heights, s)
-            direct += points.lamplight(field.heights, field.spacing, lamps, centroids, faces.normals, channels, field.curve)
+            lamplit = points.lamplight(field.heights, field.spacing, lamps, centroids, facing, channels, field.curve)
+            direct += lamplit[:, :, None]
     for b in range(int(bounces)):
-        arriving = triangles.gathered(True, azimuths, radiance, step=step) if b or glows else 0
+        arriving = corners(triangles.gathered(True, azimuths, radiance, step=step)) if b or glows else 0
         radiance = glow + share * (direct + arriving)
     if at is not None:
         return e + pointlight.arriving(field, spots, own, azimuths, tables, radiance, s, step)
