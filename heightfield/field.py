@@ -16,7 +16,7 @@ from . import hull, intervisibility, light, march, skip, surface, transport
 from . import points as rays
 from .check import choice, grid, number, reals, shown, spacing_of, watcher
 from .sources import path_of
-from .sweep import azimuths_of, direction, packed
+from .sweep import angles, azimuths_of, direction, packed
 from .tally import Tally
 
 EARTH = 6_371_000.0  # m
@@ -147,7 +147,7 @@ class HeightField:
         out = np.empty((len(k), *self.heights.shape), dtype=np.float32)
         with self._reported():
             for n, t in enumerate(self._tangents(k, method, progress)):
-                np.arctan(t, out=out[n])
+                angles(t, out[n])
         if not self.valid.all():
             out[:, ~self.valid] = np.nan
         return out
@@ -181,7 +181,7 @@ class HeightField:
         with self._reported():
             for az, t in zip(k, tangents, strict=True):
                 if weighting == "cosine":
-                    total += light.sky_share(t, n, az)
+                    total += light.sky_share(packed(t), n, az)
                 else:
                     # Below the horizontal there is no sky
                     e = np.arctan(np.maximum(t, 0, dtype=np.float64))
@@ -392,7 +392,7 @@ class HeightField:
                 else:
                     t = d.back(hull.horizons(laid, d, self.curve, tally=looked))
                 self.tally.add(sum(looked), march.naive(d, shape, reach), self._turned.size)
-                before = (azimuth, packed(t))
+                before = (azimuth, t)
             yield before[1]
             if progress:
                 progress(n + 1, len(azimuths))

@@ -13,6 +13,7 @@ from . import gather, light, pointlight, points
 from .faces import cornered, corners, mean, places, triangle_normals
 from .passes import Passes
 from .surface import normals, refine
+from .sweep import packed
 
 
 def irradiance(
@@ -64,7 +65,7 @@ def irradiance(
         tangents = field._tangents(azimuths, method)
         width = 2 * np.pi / len(azimuths)
         for az, table, t in zip(azimuths, tables, tangents, strict=True):
-            gather.add_sky(t, n[:, None], np.sin(az), np.cos(az), table, width, e[:, None])
+            gather.add_sky(packed(t), n[:, None], np.sin(az), np.cos(az), table, width, e[:, None])
             step()
     if sun is not None:
         e += light.sunlight(sun, lambda az, el, r: field._lit(az, el, r, method, at), own, channels)
