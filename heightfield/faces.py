@@ -8,6 +8,7 @@ normal. With supersampling each cell is cut into S × S cells of the same surfac
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numba as nb
 import numpy as np
@@ -21,6 +22,8 @@ THIRD = 1 / 3
 CENTROIDS = ((2 * THIRD, THIRD), (THIRD, 2 * THIRD))
 # Triangles that meet at a grid point: kind, and which row and column of the triangle's cell the point has
 MEETING = ((0, 0, 0), (1, 0, 0), (0, 1, 1), (1, 1, 1), (1, 0, 1), (0, 1, 0))
+# Corners (row, column in the cell) between which a kind of triangle's edges run eastwards and southwards
+EDGES = (((1, 0), (1, 1), (0, 0), (1, 0)), ((0, 0), (0, 1), (0, 1), (1, 1)))
 ASIDE = 1e-6  # cells; of a ray along an edge, the side to look at
 
 
@@ -57,20 +60,11 @@ def triangle_normals(heights: np.ndarray, spacing: tuple[float, float], s: int) 
     return (n / np.linalg.norm(n, axis=0)).astype(np.float32)
 
 
-def meeting(values: np.ndarray, none) -> np.ndarray:
-    """Return what the triangles have that meet at each grid point: (c, 2, n, m) to (c, 6, n + 1, m + 1), ``none`` beyond."""
-    n, m = values.shape[2:]
-    out = np.empty((len(values), len(MEETING), n + 1, m + 1), values.dtype)
-    out[:] = np.reshape(none, (-1, 1, 1, 1))
-    for q, (kind, v, u) in enumerate(MEETING):
-        out[:, q, v : v + n, u : u + m] = values[:, kind]
-    return out
-
-
 def corners(values: np.ndarray) -> np.ndarray:
-    """Return what triangles have at their corners: (..., 6, n + 1, m + 1), as `meeting` has them, to (..., 2, 3, n, m).
+    """Return what triangles have at their corners, from what grid points have for each triangle that meets there.
 
-    Corners are the north-western, the one that only this triangle has, and the south-eastern.
+    From (..., 6, n + 1, m + 1), in the order of `MEETING`, to (..., 2, 3, n, m): the corners are the north-western, the one
+    that is this triangle's alone, and the south-eastern.
     """
     n, m = (size - 1 for size in values.shape[-2:])
     out = np.empty((*values.shape[:-3], 2, 3, n, m), values.dtype)
@@ -81,7 +75,11 @@ def corners(values: np.ndarray) -> np.ndarray:
 
 def cornered(values: np.ndarray) -> np.ndarray:
     """Return grid points' values at triangles' corners: (..., n + 1, m + 1) to (..., 2, 3, n, m)."""
-    return corners(np.repeat(values[..., None, :, :], len(MEETING), axis=-3))
+    n, m = (size - 1 for size in values.shape[-2:])
+    out = np.empty((*values.shape[:-2], 2, 3, n, m), values.dtype)
+    for kind, v, u in MEETING:
+        out[..., kind, v + u, :, :] = values[..., v : v + n, u : u + m]
+    return out
 
 
 def places(heights: np.ndarray, s: int) -> np.ndarray:
@@ -183,6 +181,34 @@ def placed(d: Direction, s: int, plane: int, v: float, u: float) -> tuple[float,
         v, u = u, v
     v, u = (1 - v if d.flip_rows else v), (1 - u if d.flip_columns else u)
     return (plane % s + v) / s, (plane // s + u) / s
+
+
+class Facets(NamedTuple):
+    """Triangles that meet receivers which lie alike in their cells.
+
+    Attributes
+    ----------
+    edges : (f, 4, 3) int64 array
+        Plane, row and column, from the receiver's cell, of the ends of each one's edge eastwards and of that southwards.
+    per_east, per_south : float32
+        Inverse lengths of the edges, 1/m.
+    """
+
+    edges: np.ndarray
+    per_east: np.float32
+    per_south: np.float32
+
+
+def facets(d: Direction, s: int, plane: int, spacing: tuple[float, float]) -> Facets:
+    """Return the triangles that meet at the grid points dealt to a plane, in the order of `MEETING`."""
+    edges = np.empty((len(MEETING), 4, 3), np.int64)
+    for q, (kind, v, u) in enumerate(MEETING):
+        for k, (r, c) in enumerate(EDGES[kind]):
+            r, c = (c - u, r - v) if d.transpose else (r - v, c - u)
+            r, c = plane % s + (-r if d.flip_rows else r), plane // s + (-c if d.flip_columns else c)
+            edges[q, k] = (c % s) * s + r % s, r // s, c // s
+    dy, dx = spacing
+    return Facets(edges, np.float32(s / dx), np.float32(s / dy))
 
 
 @dataclass(frozen=True)

@@ -176,12 +176,12 @@ class HeightField:
             elevations, n = self._at_points(points, k, n)
             tangents, known = np.tan(elevations), np.isfinite(elevations[0])
         else:
-            tangents, known = self._tangents(k, method, progress), self.valid
+            tangents, known = map(packed, self._tangents(k, method, progress)), self.valid
         total = np.zeros(known.shape)
         with self._reported():
             for az, t in zip(k, tangents, strict=True):
                 if weighting == "cosine":
-                    total += light.sky_share(packed(t), n, az)
+                    total += light.sky_share(t, n, az)
                 else:
                     # Below the horizontal there is no sky
                     e = np.arctan(np.maximum(t, 0, dtype=np.float64))

@@ -20,8 +20,9 @@ import numba as nb
 import numpy as np
 
 from .lanes import LANES
-from .lanes_light import BEST, EACH, MINE, UP, climb, face, measure, pour, shine, start, tint, total, worth
+from .lanes_light import BEST, EACH, MINE, UP, climb, face, facet, measure, pour, shine, start, tint, total, worth
 from .lanes_skip import soon
+from .march import BLOCK
 from .skip import AHEAD, SIZES, leaves, seek
 
 NODES = 2048  # of the sky's table over elevation
@@ -88,13 +89,13 @@ def bends(distance: np.ndarray) -> np.ndarray:
 
 @nb.njit(cache=True)
 def _strip(
-    heights, stride, edge, top, light, image, corners, passed, bend, slack, share, east, north,
-    own, normals, horizon, out, pitch, channels, i,
+    heights, stride, edge, top, light, image, corners, passed, bend, slack, share, east, north, per_east, per_south,
+    own, normals, edges, beside, horizon, out, pitch, channels, i,
     first, second, weight, scale, drop, upto, down, inverse, fall, tops, begins,
 ):  # fmt: skip
     # `surface` for receivers in rows ``i`` to ``i + 15``
     leave, mine, best, size = leaves(down, stride, i), MINE * LANES, BEST * LANES, len(own)
-    facing = len(normals) // (3 * size)
+    facing, flat = max(len(beside), 1), np.zeros_like(edges)
     work, sums = np.zeros((UP + EACH * facing) * LANES, np.float32), np.zeros(facing * channels * LANES, np.float32)
     # As many as a ray crosses in one stretch, one before and one to overwrite
     most = LANES * (2 + max([upto[min(k + SIZES[0], len(upto) - 1)] - upto[k] for k in range(len(upto))]))
@@ -106,13 +107,17 @@ def _strip(
         place, at, last = x * stride + i, x * pitch + i, min(edge - x, leave)
         for values in (horizon, own):
             soon(values, at + AHEAD * pitch)
-        for q in range(3 * facing):
-            soon(normals, q * size + at + AHEAD * pitch)
         for q in range(channels * facing):
             soon(out, q * size + at + AHEAD * pitch)
         start(work, horizon, own, at)
-        for q in range(facing):
-            face(work, q, normals, facing * size, q * size + at, east, north, facing == 1)
+        if facing == 1:
+            for q in range(3):
+                soon(normals, q * size + at + AHEAD * pitch)
+            face(work, normals, size, at, east, north)
+        for q in range(len(beside)):
+            # What lies beyond the border is no triangle: any will do
+            there = x + beside[q, 0] >= 0 and x + beside[q, 1] <= edge
+            facet(work, q, heights, place, edges if there else flat, east, north, per_east, per_south)
         # To the first whole stretch all is looked at
         begin, k = 0, min(SIZES[0] - (x & (SIZES[0] - 1)), last)
         while True:
@@ -145,7 +150,7 @@ def _strip(
 
 
 @nb.njit(cache=True, parallel=True)
-def surface(laid, radiance, own, normals, east, north, way, shown, slack, share, horizon, out, receivers):
+def surface(laid, radiance, own, normals, facets, toward, way, shown, slack, share, horizon, out, receivers):
     """Add to ``out`` the irradiance that the surface sends along one direction's rays, times ``share``.
 
     Parameters
@@ -156,10 +161,12 @@ def surface(laid, radiance, own, normals, east, north, way, shown, slack, share,
         At the triangles' corners, a row before the first and one behind the last, as `faces.bordered` has them.
     own : (n, m) float32 array
         The receivers' heights; columns lie first, m is a multiple of 16.
-    normals : (3, f, n, m) float32 array
-        Their unit normals.
-    east, north : float
-        Of the direction.
+    normals : (3, n, m) float32 array
+        Their unit normals, where they have one.
+    facets : Facets
+        Of receivers that have none, but triangles that meet them.
+    toward : (float, float)
+        East and north components of the direction.
     way : skip.Way
     shown : Shown
     slack : float
@@ -167,8 +174,8 @@ def surface(laid, radiance, own, normals, east, north, way, shown, slack, share,
     share : float
         Factor of what is added.
     horizon : (n, m) float32 array
-        −∞, or ∞ for what is no receiver; tangents of their horizons afterwards. Where there is one normal, what its plane
-        hides counts as well.
+        −∞, or ∞ for what is no receiver; tangents of their horizons afterwards. What a receiver's normal's plane hides counts
+        as well.
     out : (channels, f, n, m) float32 array
     receivers : int
         Rows of receivers.
@@ -182,12 +189,17 @@ def surface(laid, radiance, own, normals, east, north, way, shown, slack, share,
     top, half, looked = heights.max(), (strips + 1) // 2, 0
     mine, up, found, sums = own.ravel(), normals.ravel(), horizon.ravel(), out.ravel()
     first, second, weight, scale, drop, upto, down, inverse, fall, tops, begins = way
-    corners, passed, bend = shown
+    (corners, passed, bend), (places, per_east, per_south), (east, north) = shown, facets, toward
+    # Places in the laid field, and the first and last of their columns
+    edges = (places[:, :, 0] * laid[0].size + places[:, :, 1] + places[:, :, 2] * laid.shape[2]).ravel()
+    beside = np.empty((len(places), 2), np.int64)
+    for q in range(len(places)):
+        beside[q, 0], beside[q, 1] = places[q, :, 2].min(), places[q, :, 2].max()
     for t in nb.prange(strips):
         i = LANES * (2 * t if t < half else 2 * (t - half) + 1)
         looked += min(LANES, receivers - i) * _strip(
-            *(heights, laid.shape[2], laid.shape[1] - 1, top, light, image, corners, passed, bend, slack, share, east, north),
-            *(mine, up, found, sums, own.shape[1], len(out), i),
+            *(heights, laid.shape[2], laid.shape[1] - 1, top, light, image, corners, passed, bend, slack, share),
+            *(east, north, per_east, per_south, mine, up, edges, beside, found, sums, own.shape[1], len(out), i),
             *(first, second, weight, scale, drop, upto, down, inverse, fall, tops, begins),
         )
     return looked
@@ -220,32 +232,57 @@ def sky_table(radiance) -> np.ndarray:
 
 
 @nb.njit(cache=True, error_model="numpy")
-def _starts(horizon, x, y, up, east, north, along, at):
+def _opened(horizon, least, at):
     # Where in the sky's table a row of receivers begins to see it
     scale, middle = np.float32((NODES - 1) / np.pi), np.float32((NODES - 1) / 2)
     for j in range(len(at)):
-        along[j] = x[j] * east + y[j] * north
-        at[j] = _elevation(max(horizon[j], -along[j] / up[j])) * scale + middle
+        at[j] = _elevation(max(horizon[j], least[j])) * scale + middle
+
+
+@nb.njit(cache=True)
+def _sky_row(at, up, along, table, width, out):
+    # Add a row of receivers' sky to (channels, m)
+    for j in range(len(at)):
+        k = np.uint32(min(max(at[j], np.float32(0)), np.float32(NODES - 2)))
+        f = at[j] - np.float32(k)
+        for c in range(table.shape[2]):
+            s = table[0, k, c] + f * (table[0, k + 1, c] - table[0, k, c])
+            t = table[1, k, c] + f * (table[1, k + 1, c] - table[1, k, c])
+            out[c, j] += width * max(up[j] * s + along[j] * t, np.float32(0))
+
+
+@nb.njit(cache=True, parallel=True, error_model="numpy")
+def add_sky(horizon, normals, toward, table, width, out):
+    """Add the sky of a sector of ``width`` radians, above tangents ``horizon`` and the receivers' own planes.
+
+    ``horizon`` is (n, m), ``normals`` (3, n, m), ``out`` (channels, n, m).
+    """
+    (rows, columns), (east, north), width = horizon.shape, toward, np.float32(width)
+    for i in nb.prange(rows):
+        x, y, up = normals[0, i], normals[1, i], normals[2, i]
+        along = x * east + y * north
+        at = np.empty(columns, np.float32)
+        _opened(horizon[i], -along / up, at)
+        _sky_row(at, up, along, table, width, out[:, i])
 
 
 @nb.njit(cache=True, parallel=True)
-def add_sky(horizon, normals, east, north, table, width, out):
-    """Add the sky of a sector of ``width`` radians, above tangents ``horizon`` and the receivers' own planes.
+def add_sky_to_facets(laid, horizon, facets, toward, table, width, out):
+    """Add the sky as `add_sky` does to what triangles that meet receivers get there; ``out`` is (channels, f, n, m).
 
-    ``horizon`` is (n, m), ``normals`` (3, f, n, m), ``out`` (channels, f, n, m).
+    ``laid`` is the field, as for `surface`.
     """
-    rows, columns = horizon.shape
-    facing, channels = normals.shape[1], table.shape[2]
-    east, north, width = np.float32(east), np.float32(north), np.float32(width)
-    for i in nb.prange(rows):
-        along, at = np.empty(columns, np.float32), np.empty(columns, np.float32)
-        for q in range(facing):
-            up = normals[2, q, i]
-            _starts(horizon[i], normals[0, q, i], normals[1, q, i], up, east, north, along, at)
-            for j in range(columns):
-                k = np.uint32(min(max(at[j], np.float32(0)), np.float32(NODES - 2)))
-                f = at[j] - np.float32(k)
-                for c in range(channels):
-                    s = table[0, k, c] + f * (table[0, k + 1, c] - table[0, k, c])
-                    t = table[1, k, c] + f * (table[1, k + 1, c] - table[1, k, c])
-                    out[c, q, i, j] += width * max(up[j] * s + along[j] * t, np.float32(0))
+    (edges, per_east, per_south), (east, north), width = facets, toward, np.float32(width)
+    columns, rows = laid.shape[1], laid.shape[2] - BLOCK
+    for x in nb.prange(len(horizon)):
+        at = np.empty(rows, np.float32)
+        for q in range(len(edges)):
+            planes, down, aside = edges[q, :, 0], edges[q, :, 1], edges[q, :, 2]
+            if x + aside.min() >= 0 and x + aside.max() < columns:
+                a, b = max(-down.min(), 0), rows - max(down.max(), 0)
+                h = [laid[planes[k], x + aside[k], a + down[k] : b + down[k]] for k in range(4)]
+                u, v = (h[1] - h[0]) * per_east, (h[3] - h[2]) * per_south
+                least = u * east - v * north
+                up = np.float32(1) / np.sqrt(np.float32(1) + u * u + v * v)
+                _opened(horizon[x, a:b], least, at[a:b])
+                _sky_row(at[a:b], up, -least * up, table, width, out[:, q, x, a:b])

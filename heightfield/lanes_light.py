@@ -10,8 +10,6 @@ from numba.extending import intrinsic
 from .lanes import _F32, LANES, _any, _load, _pointer, _splat, address, sixteen
 from .lanes_skip import FUSED, crossing
 
-_BITS = ir.VectorType(ir.IntType(1), LANES)
-
 # Rows of the working memory; the last four once for each normal
 BEST, MINE, UP, ALONG, LEAST, NONE = range(6)
 EACH = NONE + 1 - UP
@@ -68,6 +66,15 @@ def _sum(builder, nz, a, moments):
     return builder.fadd(builder.fmul(nz, moments[0], flags=FUSED), builder.fmul(a, moments[1]), flags=FUSED)
 
 
+def _fill(builder, row, nz, a, least):
+    # `LEAST` is the tangent at which the plane rises, `NONE` W there: its sines and cosines cancel but for the angle's
+    magnitude, below = _bounded(builder, least)
+    angle = _angle(builder, magnitude, builder.fdiv(_constant(1.0), magnitude), below)
+    none = builder.fmul(builder.fmul(_constant(0.5), a), angle)
+    for k, value in ((UP, nz), (ALONG, a), (LEAST, least), (NONE, none)):
+        builder.store(value, row(k), align=4)
+
+
 @intrinsic
 def start(typingctx, work, horizon, own, at):
     """Fill the working memory of the receivers from place ``at`` of flat float32 arrays on, but for their normals."""
@@ -82,31 +89,56 @@ def start(typingctx, work, horizon, own, at):
 
 
 @intrinsic
-def face(typingctx, work, which, normals, size, at, east, north, alone):
-    """Fill in normal number ``which``: three components, ``size`` elements apart in a flat float32 array.
+def face(typingctx, work, normals, size, at, east, north):
+    """Fill in the one normal of each receiver: three components, ``size`` elements apart in a flat float32 array.
 
-    ``east`` and ``north``: of the direction. `LEAST` is the tangent at which the plane rises there, `NONE` W at it. A normal
-    that is ``alone`` makes it the least that a horizon can be.
+    ``east`` and ``north``: of the direction. Horizons are as high as the normals' planes at least.
     """
     number = types.intp
-    sig = types.void(work, number, normals, number, number, types.float32, types.float32, types.boolean)
+    sig = types.void(work, normals, number, number, types.float32, types.float32)
 
     def generate(context, builder, signature, arguments):
-        work, which, normals, size, at, east, north, alone = arguments
-        row = _rows(context, builder, signature.args[0], work, which)
+        work, normals, size, at, east, north = arguments
+        row = _rows(context, builder, signature.args[0], work, ir.Constant(size.type, 0))
         places = at, builder.add(at, size), builder.add(at, builder.add(size, size))
-        x, y, nz = (sixteen(context, builder, signature.args[2], normals, p) for p in places)
+        x, y, nz = (sixteen(context, builder, signature.args[1], normals, p) for p in places)
         a = builder.fadd(builder.fmul(x, _splat(builder, east, _F32)), builder.fmul(y, _splat(builder, north, _F32)))
         least = builder.fdiv(builder.fneg(a), nz)
-        # There the sines and cosines of W cancel but for the angle's
-        magnitude, below = _bounded(builder, least)
-        angle = _angle(builder, magnitude, builder.fdiv(_constant(1.0), magnitude), below)
-        none = builder.fmul(builder.fmul(_constant(0.5), a), angle)
-        for k, value in ((UP, nz), (ALONG, a), (LEAST, least), (NONE, none)):
-            builder.store(value, row(k), align=4)
+        _fill(builder, row, nz, a, least)
         best = _load(builder, row(BEST))
-        higher = builder.and_(builder.fcmp_ordered(">", least, best), _splat(builder, alone, _BITS))
-        builder.store(builder.select(higher, least, best), row(BEST), align=4)
+        builder.store(builder.select(builder.fcmp_ordered(">", least, best), least, best), row(BEST), align=4)
+
+    return sig, generate
+
+
+@intrinsic
+def facet(typingctx, work, which, heights, place, offsets, east, north, per_east, per_south):
+    """Fill in normal number ``which``, of a triangle that meets the receivers.
+
+    Its edge eastwards joins ``heights[place + offsets[4 which]]`` to ``[4 which + 1]``, that southwards ``[4 which + 2]`` to
+    ``[4 which + 3]``; ``per_east`` and ``per_south`` are their inverse lengths, ``east`` and ``north`` the direction's.
+    """
+    number, real = types.intp, types.float32
+    sig = types.void(work, number, heights, number, offsets, real, real, real, real)
+
+    def generate(context, builder, signature, arguments):
+        work, which, heights, place, offsets, east, north, per_east, per_south = arguments
+        row, first = _rows(context, builder, signature.args[0], work, which), builder.mul(which, ir.Constant(which.type, 4))
+
+        def height(k):
+            at = address(context, builder, signature.args[4], offsets, builder.add(first, ir.Constant(first.type, k)))
+            return sixteen(context, builder, signature.args[2], heights, builder.add(place, builder.load(at)))
+
+        x, y = (
+            builder.fmul(builder.fsub(height(k + 1), height(k)), _splat(builder, per, _F32))
+            for k, per in ((0, per_east), (2, per_south))
+        )
+        long = builder.fadd(builder.fadd(_constant(1.0), builder.fmul(x, x), flags=FUSED), builder.fmul(y, y), flags=FUSED)
+        root = cgutils.get_or_insert_function(builder.module, ir.FunctionType(_F32, [_F32]), f"llvm.sqrt.v{LANES}f32")
+        root = builder.call(root, [long])
+        nz = builder.fdiv(_constant(1.0), root)
+        least = builder.fsub(builder.fmul(x, _splat(builder, east, _F32)), builder.fmul(y, _splat(builder, north, _F32)))
+        _fill(builder, row, nz, builder.fneg(builder.fmul(least, nz)), least)
 
     return sig, generate
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from . import gather, skip
-from .faces import along_edge, bordered, inside, meeting, placed, planes, ray, spots, straightened, undeal
+from .faces import MEETING, Facets, along_edge, bordered, facets, inside, placed, planes, ray, spots, straightened, undeal
 from .lanes import LANES
 from .light import disk_share
 from .march import ABYSS, BLOCK, crossed
@@ -16,6 +16,9 @@ from .surface import refine
 from .sweep import Direction, direction, packed
 
 PARTS = 4  # a side, of a grid's triangle, at whose centroids the sun is looked at
+
+NO_NORMALS = np.empty((3, 0, 0), np.float32)
+NO_FACETS = Facets(np.empty((0, 4, 3), np.int64), np.float32(0), np.float32(0))
 
 
 @dataclass(frozen=True)
@@ -26,18 +29,21 @@ class Receivers:
     ----------
     heights : (n, m) float32 array
         m is a multiple of 16; what is more than ``rows`` is no receiver.
-    normals : (3, f, n, m) float32 array, optional
-        Of those that gather light; all normals of a receiver see the same.
     rows : int
     y, x : float
         Row and column in the cell.
+    normals : (3, n, m) float32 array, optional
+        Of those that gather light by a normal of their own.
+    facets : faces.Facets
+        Of those that gather light for the triangles that meet there.
     """
 
     heights: np.ndarray
-    normals: np.ndarray | None
     rows: int
     y: float = 0.0
     x: float = 0.0
+    normals: np.ndarray | None = None
+    facets: Facets = NO_FACETS
 
     def horizon(self) -> np.ndarray:
         """Return tangents of horizons before anything is seen, infinite for what is no receiver."""
@@ -46,12 +52,9 @@ class Receivers:
         return out
 
 
-def _receivers(heights, normals, y=0.0, x=0.0):
+def _padded(values, fill=0.0):
     # Rows filled up to full vectors
-    rows = heights.shape[1]
-    more = (0, -rows % LANES)
-    up = None if normals is None else np.pad(normals, ((0, 0), (0, 0), (0, 0), more), constant_values=1)
-    return Receivers(np.pad(heights, ((0, 0), more)), up, rows, y, x)
+    return np.pad(values, [(0, 0)] * (values.ndim - 1) + [(0, -values.shape[-1] % LANES)], constant_values=fill)
 
 
 class Passes:
@@ -60,8 +63,6 @@ class Passes:
     Parameters
     ----------
     field : HeightField
-    normals : (3, 2, s · (rows − 1), s · (columns − 1)) float32 array
-        Of the triangles.
     n : (3, rows, columns) array
         Unit normals of the grid points.
     s : int
@@ -70,9 +71,8 @@ class Passes:
         As `HeightField.irradiance` takes it.
     """
 
-    def __init__(self, field, normals, n, s: int, tolerance: float):
-        self.field, self.s, self.tolerance = field, s, tolerance
-        self.n, self.corners = n[:, None], meeting(normals, (0, 0, 1))
+    def __init__(self, field, n, s: int, tolerance: float):
+        self.field, self.n, self.s, self.tolerance = field, n, s, tolerance
         self.fine = refine(field._turned, s)
 
     def gathered(self, to_corners: bool, azimuths, radiance=None, tables=None, step=None) -> np.ndarray:
@@ -93,30 +93,32 @@ class Passes:
         Returns
         -------
         (channels, 6, ...) or (channels, rows, columns) float32 array
-            Corners as `faces.meeting` has them.
+            Of the six triangles that meet at a corner, in the order of `faces.MEETING`.
         """
         channels = len(radiance) if radiance is not None else tables[0].shape[-1]
-        normals = self.corners if to_corners else self.n
-        out = np.zeros((channels, *normals.shape[1:]), dtype=np.float32)
+        each = (len(MEETING), *self.fine.shape) if to_corners else self.field.heights.shape
+        out = np.zeros((channels, *each), dtype=np.float32)
         width, tables = 2 * np.pi / len(azimuths), [None] * len(azimuths) if tables is None else tables
         directions = ((az, direction(az, self.field.spacing), table) for az, table in zip(azimuths, tables, strict=True))
         for _, some in itertools.groupby(directions, lambda v: (v[1].transpose, v[1].flip_rows, v[1].flip_columns)):
             # Directions of an eighth of the circle see the field alike
             some = list(some)
             d = some[0][1]
-            laid, receivers = self._laid(d), self._receivers(d, normals)
+            laid, receivers = self._laid(d), self._receivers(d, to_corners)
             lit = None if radiance is None else np.stack([bordered(self._dealt(d, c), self.s, d.flip_rows) for c in radiance])
-            shares = [np.zeros((channels, *r.normals.shape[1:]), dtype=np.float32) for r in receivers]
+            shares = [np.zeros((channels, *each[:-2], *r.heights.shape), dtype=np.float32) for r in receivers]
             for az, d, table in some:
                 tops, toward = skip.stretches(laid, d, self.s), (np.float32(np.sin(az)), np.float32(np.cos(az)))
                 for r, share in zip(receivers, shares, strict=True):
                     horizon = self._look(d, laid, tops, r, lit, toward, width, share)
-                    if table is not None:
-                        gather.add_sky(horizon, r.normals, *toward, table, width, share)
+                    if table is not None and to_corners:
+                        gather.add_sky_to_facets(laid, horizon, r.facets, toward, table, width, share)
+                    elif table is not None:
+                        gather.add_sky(horizon, r.normals, toward, table, width, share)
                 if step:
                     step()
             out += self._back(d, shares, out.shape)
-        return out if to_corners else out[:, 0]
+        return out
 
     def shadow(self, azimuth: float, elevation: float, radius: float) -> np.ndarray:
         """Share of the sun's disk that triangles see, straight over each, at their corners: (2, 3, ...) float64."""
@@ -127,7 +129,7 @@ class Passes:
             shares = []
             for v, u in spots(kind, parts):
                 heights = planes(d.lay(inside(self.fine, kind, v, u).astype(np.float32)), s)
-                every = [_receivers(h, None, *placed(d, s, p, v, u)) for p, h in enumerate(heights)]
+                every = [Receivers(_padded(h), h.shape[1], *placed(d, s, p, v, u)) for p, h in enumerate(heights)]
                 horizon = np.stack([self._look(d, laid, tops, r)[:, : r.rows] for r in every])
                 horizon = packed(d.lift(undeal(horizon, s)))
                 shares.append(disk_share(np.arctan(horizon.astype(np.float64)), elevation, radius))
@@ -156,8 +158,8 @@ class Passes:
                 numbers = np.append(0, seen.weight), gather.bends(seen.distance)
                 shown = gather.Shown(corners, *(v.astype(np.float32) for v in numbers))
                 slack, part = np.float32(self.tolerance / 2), np.float32(width / len(sides))
-                on = *toward, way, shown, slack, part
-                looked = gather.surface(laid, radiance, r.heights, r.normals, *on, horizon, share, r.rows)
+                own = r.heights, NO_NORMALS if r.normals is None else r.normals, r.facets
+                looked = gather.surface(laid, radiance, *own, toward, way, shown, slack, part, horizon, share, r.rows)
             naive = crossed(seen.edges, (r.rows, len(r.heights)), stride - BLOCK, laid.shape[1])
             # Either side of an edge is half a ray
             self.field.tally.add(looked, naive, r.rows * len(r.heights) / len(sides))
@@ -166,25 +168,30 @@ class Passes:
     # --- To a laid grid and back ---------------------------------------------------------------------------------------
 
     def _laid(self, d):
-        return planes(d.lay(self.fine.astype(np.float32)), self.s, ABYSS)
+        laid = planes(d.lay(self.fine.astype(np.float32)), self.s, ABYSS)
+        # Something to read before the first sample: triangles are looked at from all of their corners
+        guarded = np.full(LANES + laid.size, ABYSS, np.float32)[LANES:].reshape(laid.shape)
+        guarded[...] = laid
+        return guarded
 
     def _dealt(self, d, values):
         # (..., n, m) values of a fine grid as (... · S², n, m) planes
         return np.concatenate([planes(d.lay(v), self.s) for v in values.reshape(-1, *values.shape[-2:])])
 
-    def _receivers(self, d, normals):
-        if normals is self.n:
-            own = packed(d.lay(self.field._turned.astype(np.float32)))
-            return [_receivers(own, np.stack([packed(d.lay(c))[None] for c in normals[:, 0]]))]
-        s = self.s
-        heights = planes(d.lay(self.fine.astype(np.float32)), s)
-        up = self._dealt(d, normals).reshape(3, normals.shape[1], s * s, *heights.shape[1:])
-        return [_receivers(h, up[:, :, p], p % s / s, p // s / s) for p, h in enumerate(heights)]
+    def _receivers(self, d, to_corners):
+        if not to_corners:
+            own, n = packed(d.lay(self.field._turned.astype(np.float32))), np.stack([packed(d.lay(c)) for c in self.n])
+            return [Receivers(_padded(own), own.shape[1], normals=_padded(n, 1.0))]
+        s, found = self.s, []
+        for p, h in enumerate(planes(d.lay(self.fine.astype(np.float32)), s)):
+            meeting = facets(d, s, p, self.field.spacing)
+            found.append(Receivers(_padded(h), h.shape[1], p % s / s, p // s / s, facets=meeting))
+        return found
 
     def _back(self, d, parts, shape):
-        # A (channels, f, n, m) part for each plane, as north-up (channels, [f,] ...)
+        # A (channels, [f,] n, m) part for each plane, as north-up (channels, [f,] ...)
         s = 1 if len(parts) == 1 else self.s
         rows, columns = d.turn(np.empty(shape[-2:], bool)).shape
-        parts = np.stack(parts, axis=2)[..., : -(-rows // s)]
-        fine = [undeal(p, s)[:columns, :rows] for p in parts.reshape(-1, *parts.shape[2:])]
+        parts = np.stack(parts, axis=-3)[..., : -(-rows // s)]
+        fine = [undeal(p, s)[:columns, :rows] for p in parts.reshape(-1, *parts.shape[-3:])]
         return np.stack([packed(d.lift(p)) for p in fine]).reshape(shape)

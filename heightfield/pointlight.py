@@ -130,7 +130,8 @@ def arriving(field, places, n, azimuths, tables, radiance=None, s: int = 1, step
         horizon = np.array(-a / n[2], dtype=np.float64)
         south, east = -np.cos(azimuth) / dy * s, np.sin(azimuth) / dx * s
         _gather(heights, at, n[2], a, south, east, limit, field.curve, radiance, horizon, out)
-        gather.add_sky(horizon[None], n[:, None, None], np.sin(azimuth), np.cos(azimuth), table, width, sky[:, None])
+        toward = np.float32(np.sin(azimuth)), np.float32(np.cos(azimuth))
+        gather.add_sky(horizon[None], n[:, None], toward, table, width, sky)
         if step:
             step()
     return (out * width).astype(np.float32) + sky[:, 0]

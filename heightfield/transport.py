@@ -65,7 +65,8 @@ def irradiance(
         tangents = field._tangents(azimuths, method)
         width = 2 * np.pi / len(azimuths)
         for az, table, t in zip(azimuths, tables, tangents, strict=True):
-            gather.add_sky(packed(t), n[:, None], np.sin(az), np.cos(az), table, width, e[:, None])
+            toward = np.float32(np.sin(az)), np.float32(np.cos(az))
+            gather.add_sky(packed(t), n, toward, table, width, e)
             step()
     if sun is not None:
         e += light.sunlight(sun, lambda az, el, r: field._lit(az, el, r, method, at), own, channels)
@@ -77,13 +78,15 @@ def irradiance(
     # Light of the triangles at their corners, a bounce at a time; what unknown points would send is left out
     s = supersampling
     facing = triangle_normals(field.heights - field.centre, field.spacing, s)
-    triangles = Passes(field, facing, n, s, tolerance)
+    triangles = Passes(field, n, s, tolerance)
     known = mean(field.valid | (field.policy == "fill"), s)[:, None] > 1 - 1e-6
-    glow, share = (
-        cornered(np.stack([refine(c, s) for c in image])).astype(np.float32) * known for image in (emission, albedo / np.pi)
-    )
-    radiance = glow
+
+    def sent(image):
+        return cornered(np.stack([refine(c, s).astype(np.float32) for c in image])) * known
+
+    radiance = sent(emission) if glows else 0
     if bounces > 0:
+        glow, share = radiance, sent(albedo / np.pi)
         direct = corners(triangles.gathered(True, azimuths, tables=tables, step=step))
         if sun is not None:
             direct += light.sunlight(sun, triangles.shadow, facing[:, :, None], channels)
@@ -93,7 +96,8 @@ def irradiance(
             direct += lamplit[:, :, None]
     for b in range(int(bounces)):
         arriving = corners(triangles.gathered(True, azimuths, radiance, step=step)) if b or glows else 0
-        radiance = glow + share * (direct + arriving)
+        radiance = share * (direct + arriving)
+        radiance += glow
     if at is not None:
         return e + pointlight.arriving(field, spots, own, azimuths, tables, radiance, s, step)
     return e + triangles.gathered(False, azimuths, radiance, None if apart else tables, step)

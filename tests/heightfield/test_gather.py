@@ -4,8 +4,19 @@ import numpy as np
 import pytest
 
 from intervis.heightfield import HeightField, make
-from intervis.heightfield.faces import cornered, corners, meeting, places, spots, straightened, triangle_normals
-from intervis.heightfield.surface import normals
+from intervis.heightfield.faces import (
+    MEETING,
+    cornered,
+    corners,
+    facets,
+    places,
+    planes,
+    spots,
+    straightened,
+    triangle_normals,
+)
+from intervis.heightfield.surface import normals, refine
+from intervis.heightfield.sweep import direction
 
 
 def on_surface(values, y, x):
@@ -92,14 +103,29 @@ def test_triangles_of_a_cell():
 
 
 def test_corners_of_triangles():
-    """What a grid point has for each of its triangles comes to that triangle's corner; beyond the border there is none."""
-    kinds = np.array([[[[1.0]], [[2.0]]]])
-    met = meeting(kinds, 0)
-    # North-west and south-east points have both triangles, the others one each
-    np.testing.assert_array_equal(met.sum(axis=1)[0], [[3, 2], [1, 3]])
-    np.testing.assert_array_equal(corners(met)[0, :, :, 0, 0], [[1, 1, 1], [2, 2, 2]])
+    """What a grid point has for each of its six triangles comes to that triangle's corner."""
+    # Of a grid of 2 × 2 points: 100 for each row, 10 for each column, and which of the point's triangles
+    points = 100 * np.arange(2)[:, None] + 10 * np.arange(2) + np.arange(6)[:, None, None]
+    # South-west of the diagonal: its north-western, south-western and south-eastern corners; then north-east of it
+    np.testing.assert_array_equal(corners(points)[:, :, 0, 0], [[0, 105, 112], [1, 14, 113]])
     height = cornered(np.array([[0.0, 1.0], [2.0, 3.0]]))
     np.testing.assert_array_equal(height[:, :, 0, 0], [[0, 2, 3], [0, 1, 3]])
+
+
+@pytest.mark.parametrize("azimuth", np.arange(8) * np.pi / 4 + 0.1)
+@pytest.mark.parametrize("s", [1, 2])
+def test_facets_have_the_triangles_slopes(azimuth, s):
+    """However the grid is turned, the edges of the six triangles around a point are found where they lie."""
+    heights, spacing = np.random.default_rng(2).uniform(size=(5, 5)), (2.0, 3.0)
+    d, fine, row, column = direction(azimuth, spacing), refine(heights, s), 2 * s, 2 * s
+    laid = planes(d.lay(fine), s, 0.0)
+    found = facets(d, s, 0, spacing)
+    at = laid[tuple(np.moveaxis(found.edges + [0, 2, 2], -1, 0)[[0, 2, 1]])]
+    east, south = (at[:, 1] - at[:, 0]) * found.per_east, (at[:, 3] - at[:, 2]) * found.per_south
+    n = triangle_normals(heights, spacing, s)
+    expected = np.array([n[:, kind, row - v, column - u] for kind, v, u in MEETING])
+    np.testing.assert_allclose(east, -expected[:, 0] / expected[:, 2], rtol=1e-5)
+    np.testing.assert_allclose(south, expected[:, 1] / expected[:, 2], rtol=1e-5)
 
 
 @pytest.mark.parametrize("kind", [0, 1])
