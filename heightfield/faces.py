@@ -102,15 +102,9 @@ def inside(values: np.ndarray, kind: int, v: float, u: float) -> np.ndarray:
     return (1 - max(v, u)) * nw + abs(v - u) * (values[:-1, 1:] if kind else values[1:, :-1]) + min(v, u) * se
 
 
-def straightened(shares: np.ndarray, kind: int, n: int) -> np.ndarray:
-    """Return at the corners what is straight over triangles and nearest to shares at the `spots` of a kind, in [0, 1].
-
-    Parameters
-    ----------
-    shares : (n², rows, columns) array
-    """
-    at = np.array([[1 - max(v, u), abs(v - u), min(v, u)] for v, u in spots(kind, n)])
-    return np.clip(np.tensordot(np.linalg.pinv(at), shares, axes=1), 0, 1)
+def fit(kind: int, n: int) -> np.ndarray:
+    """Return the weights (3, n²) with which values at the `spots` of a kind give the corners of the straight fit to them."""
+    return np.linalg.pinv(np.array([[1 - max(v, u), abs(v - u), min(v, u)] for v, u in spots(kind, n)]))
 
 
 # --- On a grid turned to look along +x --------------------------------------------------------------------------------
@@ -153,7 +147,7 @@ def bordered(parts: np.ndarray, s: int, flipped: bool) -> np.ndarray:
 
     Parameters
     ----------
-    parts : (6 · s², n, m) array
+    parts : (channels · 6 · s², n, m) array
         Planes of the three corners of the triangles south-west of the diagonals, then of the others.
     s : int
         Cells into which a cell is cut, a side.
@@ -162,17 +156,17 @@ def bordered(parts: np.ndarray, s: int, flipped: bool) -> np.ndarray:
 
     Returns
     -------
-    (6 · s², n, m + 1 + `march.BLOCK`) array
+    (channels, 6 · s², n, m + 1 + `march.BLOCK`) array
         0 behind; as wide as `planes` makes the samples, so that one place means the same cell in both.
     """
     _, columns, rows = parts.shape
-    out = np.zeros((2, 3, s, s, columns, rows + 1 + march.BLOCK), parts.dtype)
-    out[..., 1 : rows + 1] = parts.reshape(2, 3, s, s, columns, rows)
+    out = np.zeros((len(parts) // (6 * s * s), 2, 3, s, s, columns, rows + 1 + march.BLOCK), parts.dtype)
+    out[..., 1 : rows + 1] = parts.reshape(-1, 2, 3, s, s, columns, rows)
     # Across an edge lies a triangle of the other kind, whose last two corners are the first two of this one, or vice versa
     here, there = (slice(0, 2), slice(1, 3)) if flipped else (slice(1, 3), slice(0, 2))
-    out[:, here, :, s - 1, :, 0] = out[::-1, there, :, 0, :, 1]
-    out[:, there, :, 0, :, rows + 1] = out[::-1, here, :, s - 1, :, rows]
-    return out.reshape(6 * s * s, columns, -1)
+    out[:, :, here, :, s - 1, :, 0] = out[:, ::-1, there, :, 0, :, 1]
+    out[:, :, there, :, 0, :, rows + 1] = out[:, ::-1, here, :, s - 1, :, rows]
+    return out.reshape(len(out), 6 * s * s, columns, -1)
 
 
 def placed(d: Direction, s: int, plane: int, v: float, u: float) -> tuple[float, float]:

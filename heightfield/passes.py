@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from . import gather, skip
-from .faces import MEETING, Facets, along_edge, bordered, facets, inside, placed, planes, ray, spots, straightened, undeal
+from .faces import MEETING, Facets, along_edge, bordered, facets, fit, inside, placed, planes, ray, spots, undeal
 from .lanes import LANES
 from .light import disk_share
 from .march import ABYSS, BLOCK, crossed
@@ -105,7 +105,7 @@ class Passes:
             some = list(some)
             d = some[0][1]
             laid, receivers = self._laid(d), self._receivers(d, to_corners)
-            lit = None if radiance is None else np.stack([bordered(self._dealt(d, c), self.s, d.flip_rows) for c in radiance])
+            lit = None if radiance is None else bordered(self._dealt(d, radiance), self.s, d.flip_rows)
             shares = [np.zeros((channels, *each[:-2], *r.heights.shape), dtype=np.float32) for r in receivers]
             for az, d, table in some:
                 tops, toward = skip.stretches(laid, d, self.s), (np.float32(np.sin(az)), np.float32(np.cos(az)))
@@ -117,24 +117,24 @@ class Passes:
                         gather.add_sky(horizon, r.normals, toward, table, width, share)
                 if step:
                     step()
-            out += self._back(d, shares, out.shape)
+            self._add_back(d, shares, out)
         return out
 
     def shadow(self, azimuth: float, elevation: float, radius: float) -> np.ndarray:
-        """Share of the sun's disk that triangles see, straight over each, at their corners: (2, 3, ...) float64."""
+        """Share of the sun's disk that triangles see, straight over each, at their corners: (2, 3, ...) float32."""
         d, s, parts = direction(azimuth, self.field.spacing), self.s, -(-PARTS // self.s)
-        laid, out = self._laid(d), []
+        laid, out = self._laid(d), np.zeros((2, 3, *(size - 1 for size in self.fine.shape)), np.float32)
         tops = skip.stretches(laid, d, s)
         for kind in (0, 1):
-            shares = []
-            for v, u in spots(kind, parts):
+            for (v, u), weights in zip(spots(kind, parts), fit(kind, parts).T, strict=True):
                 heights = planes(d.lay(inside(self.fine, kind, v, u).astype(np.float32)), s)
                 every = [Receivers(_padded(h), h.shape[1], *placed(d, s, p, v, u)) for p, h in enumerate(heights)]
                 horizon = np.stack([self._look(d, laid, tops, r)[:, : r.rows] for r in every])
                 horizon = packed(d.lift(undeal(horizon, s)))
-                shares.append(disk_share(np.arctan(horizon.astype(np.float64)), elevation, radius))
-            out.append(straightened(np.stack(shares), kind, parts))
-        return np.stack(out)
+                seen = disk_share(np.arctan(horizon), elevation, radius)
+                for corner, weight in zip(out[kind], weights, strict=True):
+                    corner += np.float32(weight) * seen
+        return np.clip(out, 0, 1, out=out)
 
     def _look(self, d: Direction, laid, tops, r: Receivers, radiance=None, toward=None, width=None, share=None):
         # Return the tangents of the horizons, and add what the surface sends if its radiance is given
@@ -188,10 +188,11 @@ class Passes:
             found.append(Receivers(_padded(h), h.shape[1], p % s / s, p // s / s, facets=meeting))
         return found
 
-    def _back(self, d, parts, shape):
-        # A (channels, [f,] n, m) part for each plane, as north-up (channels, [f,] ...)
+    def _add_back(self, d, parts, out):
+        # Add a (channels, [f,] n, m) part for each plane to north-up (channels, [f,] ...)
         s = 1 if len(parts) == 1 else self.s
-        rows, columns = d.turn(np.empty(shape[-2:], bool)).shape
-        parts = np.stack(parts, axis=-3)[..., : -(-rows // s)]
-        fine = [undeal(p, s)[:columns, :rows] for p in parts.reshape(-1, *parts.shape[-3:])]
-        return np.stack([packed(d.lift(p)) for p in fine]).reshape(shape)
+        rows, columns = d.turn(out[(0,) * (out.ndim - 2)]).shape
+        for one in np.ndindex(out.shape[:-2]):
+            fine = [p[one][:, : -(-rows // s)] for p in parts]
+            fine = fine[0] if s == 1 else undeal(np.stack(fine), s)
+            out[one] += packed(d.lift(fine[:columns, :rows]))

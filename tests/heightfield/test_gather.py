@@ -9,10 +9,10 @@ from intervis.heightfield.faces import (
     cornered,
     corners,
     facets,
+    fit,
     places,
     planes,
     spots,
-    straightened,
     triangle_normals,
 )
 from intervis.heightfield.surface import normals, refine
@@ -136,9 +136,9 @@ def test_shares_of_a_triangle(kind):
     nw, other, se = 0.1, 0.5, 0.3
     inner = other - nw if kind else se - other, se - other if kind else other - nw
     straight = nw + at[:, 1] * inner[0] + at[:, 0] * inner[1]
-    np.testing.assert_allclose(straightened(straight[:, None, None], kind, 4)[:, 0, 0], [nw, other, se])
+    np.testing.assert_allclose(fit(kind, 4) @ straight, [nw, other, se])
     half = (at[:, 0] > 0.5).astype(float)
-    assert straightened(0.2 + 0.1 * half[:, None, None], kind, 4).mean() == pytest.approx(0.2 + 0.1 * half.mean())
+    assert (fit(kind, 4) @ half).mean() == pytest.approx(half.mean())
 
 
 @pytest.mark.parametrize("azimuths", [np.arange(4) * np.pi / 2, np.arange(4) * np.pi / 2 + np.pi / 4, 16])
