@@ -1,4 +1,4 @@
-"""Sixteen receivers side by side: what they gain from one crossing, written once as LLVM vectors (see `lanes`)."""
+"""Sixteen receivers side by side: what they gain from what they see, written once as LLVM vectors (see `lanes`)."""
 
 from __future__ import annotations
 

@@ -15,6 +15,7 @@ from intervis.heightfield.faces import (
     spots,
     triangle_normals,
 )
+from intervis.heightfield.gather import bends
 from intervis.heightfield.surface import normals, refine
 from intervis.heightfield.sweep import direction
 
@@ -100,6 +101,18 @@ def test_triangles_of_a_cell():
     np.testing.assert_allclose(n[:, 0, 0, 0], np.array([-3, 0, 1]) / np.sqrt(10), rtol=1e-6)
     np.testing.assert_allclose(n[:, 1, 0, 0], np.array([0, 3, 1]) / np.sqrt(10), rtol=1e-6)
     np.testing.assert_allclose(places(heights, 1)[:, :, 0, 0].T, [[2 / 3, 1 / 3, 1], [1 / 3, 2 / 3, 1]])
+
+
+def test_bends():
+    """Tangents of a straight wall from distance 1 to r, taken evenly: where they hit it on average, by brute force."""
+    found = bends(np.array([0.5, 1.0, 1.5, 4.5, 4.5001]))
+    t = (np.arange(10000) + 0.5) / 10000
+    for n, r in ((1, 2), (2, 1.5), (3, 3)):
+        # A wall of height s at distance 1 + s (r − 1), seen at share t of its last tangent, 1 / r
+        s = t / (r - t * (r - 1))
+        assert found[n] == pytest.approx(s.mean(), rel=1e-6)
+    # On the surface itself, and from afar
+    assert found[0] == pytest.approx(0, abs=1e-7) and found[4] == 0.5
 
 
 def test_corners_of_triangles():
