@@ -24,26 +24,9 @@ from .lanes_light import BEST, EACH, MINE, UP, climb, face, facet, measure, pour
 from .lanes_skip import soon
 from .march import BLOCK
 from .skip import AHEAD, SIZES, leaves, seek
+from .sweep import arctan
 
 NODES = 2048  # of the sky's table over elevation
-
-
-@nb.njit(cache=True, inline="always")
-def _elevation(t):
-    # Angle of tangent t, by a minimax polynomial (absolute error 2e-6)
-    u = abs(t)
-    inverse = u > np.float32(1)
-    z = np.float32(1) / u if inverse else u
-    q = z * z
-    p = np.float32(-0.01172120)
-    p = p * q + np.float32(0.05265332)
-    p = p * q + np.float32(-0.11643287)
-    p = p * q + np.float32(0.19354346)
-    p = p * q + np.float32(-0.33262347)
-    p = p * q + np.float32(0.99997726)
-    e = p * z
-    e = np.float32(1.5707963) - e if inverse else e
-    return -e if t < 0 else e
 
 
 class Shown(NamedTuple):
@@ -236,7 +219,10 @@ def _opened(horizon, least, at):
     # Where in the sky's table a row of receivers begins to see it
     scale, middle = np.float32((NODES - 1) / np.pi), np.float32((NODES - 1) / 2)
     for j in range(len(at)):
-        at[j] = _elevation(max(horizon[j], least[j])) * scale + middle
+        at[j] = max(horizon[j], least[j])
+    arctan(at)
+    for j in range(len(at)):
+        at[j] = at[j] * scale + middle
 
 
 @nb.njit(cache=True)

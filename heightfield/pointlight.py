@@ -60,7 +60,7 @@ def _gather(heights, places, nz, a, south, east, limit, curve, radiance, horizon
             rise = (h - eye) / t - curve * t
             if rise > best:
                 now = _weight(rise, nz[p], a[p])
-                # Where what is newly seen begins, and its middle (see `lanes_light.climb`)
+                # Where what is newly seen begins, and its middle (see `lanes_light.measure`)
                 under, over = max(best - last, 0.0) * before, (rise - best) * t
                 from_ = under / (under + over) if under > 0 else 0.0
                 near = _bend(before, t)

@@ -87,8 +87,8 @@ def packed(grid: np.ndarray) -> np.ndarray:
 
 
 @nb.njit(cache=True, error_model="numpy")
-def _arctan(values):
-    # In place, to 2e-7: thirds of the range by the angle's addition, then Cephes' polynomial (atanf)
+def arctan(values):
+    """Turn a row of float32 tangents into angles, to 2e-7: the range in thirds, then Cephes' polynomial (atanf)."""
     one = np.float32(1)
     for j in range(len(values)):
         t = abs(values[j])
@@ -110,7 +110,7 @@ def angles(tangents, out):
     for t in nb.prange((rows + TILE - 1) // TILE):
         _tile_row(tangents, t, out)
         for i in range(t * TILE, min((t + 1) * TILE, rows)):
-            _arctan(out[i])
+            arctan(out[i])
 
 
 def direction(azimuth: float, spacing: tuple[float, float]) -> Direction:
