@@ -77,7 +77,7 @@ def measure(options, note) -> Part:
             each.append(reach(t, list(noise.values()), goal)[0] / times["intervis"][k])
         seconds, mark = reach([r[1] for r in rows], [r[2] for r in rows], goal)
         gains[name] = (seconds / ours, min(each), max(each), mark)
-        plotted[name] = ([r[1] for r in rows], [r[2] for r in rows], ours, error)
+        plotted[name] = ([r[1] for r in rows], [r[2] for r in rows], ours, goal)
         for n, _, e in rows:
             part.found(f"light, {name}", f"relative RMSE, path, {n}", e, "")
         part.found(f"light, {name}", "relative RMSE", error, "")

@@ -42,7 +42,7 @@ def errors(path: Path, found: dict[str, np.ndarray]) -> None:
 
 
 def ladders(path: Path, found: dict[str, tuple]) -> None:
-    """Draw relative RMSE against time: the path tracer's ladder and our point, one panel a field."""
+    """Draw relative RMSE against time: the path tracer's ladder and ours at most, one panel a field."""
     columns = min(3, len(found))
     rows = -(-len(found) // columns)
     figure, axes = plt.subplots(rows, columns, figsize=(2.9 * columns, 2.4 * rows), squeeze=False, sharey=True)
@@ -50,7 +50,7 @@ def ladders(path: Path, found: dict[str, tuple]) -> None:
         axis.axis("off")
     for axis, (name, (t, e, ours, error)) in zip(axes.flat, found.items(), strict=False):
         axis.plot(t, np.multiply(100, e), ".-", color="C0", lw=1, label="path tracer")
-        axis.plot(ours, 100 * error, "o", color="C3", label="intervis")
+        axis.plot(ours, 100 * error, "o", color="C3", label="intervis, at most")
         axis.set(xscale="log", yscale="log")
         axis.set_title(name, fontsize=9)
         axis.tick_params(labelsize=7)
