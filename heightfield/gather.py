@@ -114,7 +114,7 @@ def _strip(
                     for q in range(facing):
                         shine(work, q, rises, sines, cosines, colours, seen, both, sums, (m * facing + q) * LANES)
             looked += end - begin
-            k, tests = seek(down, inverse, fall, tops, begins, stride, x, i, k, last, work, mine, work, best)
+            k, tests = seek(down, inverse, fall, tops, begins, stride, x, i, k, last, None, work, mine, work, best, 0)
             looked += tests
             if k == last:
                 break

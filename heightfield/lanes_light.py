@@ -181,7 +181,9 @@ def climb(typingctx, work, heights, place, first, second, weight, scale, drop, b
         builder.store(zero, count_at)
 
         def look(n, k):
-            rise = crossing(context, builder, kinds[1], heights, place, mine, n, zip(kinds[3:8], arguments[3:8], strict=True))
+            ends, tangent = crossing(context, builder, kinds[3:8], arguments[3:8], n)
+            a, b = (sixteen(context, builder, kinds[1], heights, builder.add(place, v)) for v in ends)
+            rise = tangent(a, b, mine)
             builder.store(rise, _pointer(context, builder, kinds[10], tangents, _F32, k), align=4)
             return rise
 

@@ -25,7 +25,7 @@ SHIFTS = (3, 5, 7, 9)
 SIZES = tuple(1 << n for n in SHIFTS)  # columns of a stretch
 TOP = len(SIZES) - 1
 AHEAD = 4  # columns at which to fetch results before they are needed
-SEEDS = 8  # stretches at which to look first
+SEEDS = 4  # stretches at which to look first
 
 
 class Way(NamedTuple):
@@ -35,8 +35,10 @@ class Way(NamedTuple):
     ----------
     first, second : (n,) int64 arrays
         Places in the laid field of the crossed edges' two ends, from the receiver's cell.
-    weight, scale, drop : (n,) float32 arrays
-        Of the second end; inverse distance, 1/m; fall of the Earth's surface over it, as a slope.
+    weight, scale : (n,) float32 arrays
+        Of the second end; inverse distance, 1/m.
+    drop : (n,) float32 array or None
+        Fall of the Earth's surface over the distance, as a slope.
     upto : (m,) int64 array
         Crossings up to each column, from the receiver's cell.
     down : (m,) int64 array
@@ -53,7 +55,7 @@ class Way(NamedTuple):
     second: np.ndarray
     weight: np.ndarray
     scale: np.ndarray
-    drop: np.ndarray
+    drop: np.ndarray | None
     upto: np.ndarray
     down: np.ndarray
     inverse: np.ndarray
@@ -156,18 +158,18 @@ def way(laid, tops, d, curve: float, edges, weight, distance, y: float = 0.0, x:
     size, stride = laid[0].size, laid.shape[2]
     first, second = (edges[:, e].astype(np.int64) @ [size, 1, stride] for e in (slice(0, 3), slice(3, 6)))
     first, second, weight = _from_nearer(first, second, weight)
-    k = np.arange(int(np.ceil(distance[-1] + x)) + 2 if len(distance) else 2)
+    k = np.arange(int(np.ceil(distance[-1] + x)) + 3 if len(distance) else 3)
     metres = np.maximum(k - x, 1e-3) * d.step
     upto = np.searchsorted(distance, k - x + march.NEARBY, side="right")
     down = np.floor(y + d.slope * (k - x) + march.NEARBY).astype(np.int64)
-    numbers = (weight, 1 / (distance * d.step), curve * d.step * distance)
-    bounds = (1 / metres, curve * d.step * np.maximum(k - x, 0))
-    numbers, bounds = ([v.astype(np.float32) for v in part] for part in (numbers, bounds))
-    return Way(first, second, *numbers, upto, down, *bounds, *tops)
+    drop, fall = (curve * d.step * v for v in (distance, np.maximum(k - x, 0)))
+    numbers = weight, 1 / (distance * d.step), drop, 1 / metres, fall
+    weight, scale, drop, inverse, fall = (v.astype(np.float32) for v in numbers)
+    return Way(first, second, weight, scale, drop if curve else None, upto, down, inverse, fall, *tops)
 
 
 @nb.njit(cache=True, forceinline=True, _nrt=False)
-def seek(down, inverse, fall, tops, begins, stride, x, i, k, last, own, mine, best, place):
+def seek(down, inverse, fall, tops, begins, stride, x, i, k, last, gap, own, mine, best, at, pitch):
     """Follow rays from column ``x`` and rows ``i`` to ``i + 15`` to the next stretch that any of them may see.
 
     Parameters
@@ -178,8 +180,8 @@ def seek(down, inverse, fall, tops, begins, stride, x, i, k, last, own, mine, be
         Of the laid field.
     k, last : int
         Columns from the receivers, a stretch's first one where the search begins, and one where it ends.
-    own, mine, best, place
-        Heights of the receivers and tangents of their horizons, as `lanes_skip.look` has them.
+    gap, own, mine, best, at, pitch
+        Which receivers, their heights and the tangents of their horizons, as `lanes_skip.reaches` has them.
 
     Returns
     -------
@@ -196,8 +198,8 @@ def seek(down, inverse, fall, tops, begins, stride, x, i, k, last, own, mine, be
         while True:
             tests += 1
             end = min(k + SIZES[level], last)
-            at = begins[level] + (c >> SHIFTS[level]) * stride + i + down[k]
-            if not reaches(tops, at, inverse[k], inverse[end], fall[k], own, mine, best, place):
+            rows = begins[level] + (c >> SHIFTS[level]) * stride + i
+            if not reaches(tops, rows, down, inverse, fall, k, end, gap, own, mine, best, at, pitch):
                 break
             if level == 0:
                 return k, tests
@@ -209,46 +211,59 @@ def seek(down, inverse, fall, tops, begins, stride, x, i, k, last, own, mine, be
 @nb.njit(cache=True)
 def leaves(down, stride, i):
     """Return after how many columns the last of the rays from rows ``i`` to ``i + 15`` leaves the field."""
-    return min(np.searchsorted(down, stride - march.BLOCK - i), len(down) - 1)
+    return min(np.searchsorted(down, stride - march.BLOCK - i), len(down) - 2)
 
 
 @nb.njit(cache=True)
 def _strip(
-    heights, stride, edge, own, out, pitches, i, first, second, weight, scale, drop, upto, down, inverse, fall, tops, begins
+    heights, stride, edge, own, out, pitch, i, first, second, weight, scale, drop, upto, down, inverse, fall, tops, begins
 ):
     # `steepest` for receivers in rows ``i`` to ``i + 15``
     leave = leaves(down, stride, i)
     # Where the last receivers found their horizons: the next ones find theirs near, and need to look at less on the way
     where, seeds = np.full(LANES, -1, np.int32), np.full(SEEDS, -1, np.int64)
-    steps = 0
-    for x in range(len(own) // pitches[0] - 1, -1, -1):
-        place, mine, at, last = x * stride + i, x * pitches[0] + i, x * pitches[1] + i, min(edge - x, leave)
-        soon(own, mine - AHEAD * pitches[0])
-        soon(out, at - AHEAD * pitches[1])
-        # To the first whole stretch all is looked at
-        begin, c, k = 0, x, min(SIZES[0] - (x & (SIZES[0] - 1)), last)
-        for seed in seeds:
-            ahead = seed - x
-            if k <= ahead < last:
-                a, b = upto[ahead], upto[min(ahead + SIZES[0], last)]
-                look(heights, place, first, second, weight, scale, drop, a, b, own, mine, out, at, seed, where)
-                steps += b - a
+    steps, x = 0, len(own) // pitch - 1
+    while x >= 0:
+        # Two neighbours in one stretch look together, at what either has to: the nearer one's way is a column longer
+        gap = x & 1
+        place, mine, room = x * stride + i, x * pitch + i, edge - x
+        last = min(room, leave)
+        for ahead in (AHEAD, AHEAD + 1):
+            soon(own, mine - ahead * pitch)
+            soon(out, mine - ahead * pitch)
+        # To the first whole stretch all is looked at, then the seeds, then what may still be seen
+        whole = min(SIZES[0] - (x & (SIZES[0] - 1)), last)
+        c, begin, end, k, seed = x - (x & (SIZES[0] - 1)), 0, whole, whole, 0
         while True:
-            end = upto[k]
-            if c not in seeds:
-                look(heights, place, first, second, weight, scale, drop, begin, end, own, mine, out, at, c, where)
-                steps += end - begin
-            k, tests = seek(down, inverse, fall, tops, begins, stride, x, i, k, last, own, mine, out, at)
-            steps += tests
-            if k == last:
+            a, b = upto[begin], upto[min(end + gap, last)]
+            look(heights, place, stride, first, second, weight, scale, drop, a, b, gap, own, out, mine, pitch, c, where)
+            steps += (1 + gap) * (b - a)
+            if gap and end == room < leave:
+                # The nearer one's last column is beyond the other's border
+                a, b, to, at = upto[room], upto[room + 1], place - stride, mine - pitch
+                look(heights, to, stride, first, second, weight, scale, drop, a, b, 0, own, out, at, pitch, c, where)
+            c = -1
+            while seed < SEEDS and c < 0:
+                c = seeds[seed] if whole <= seeds[seed] - x < last else -1
+                seed += 1
+            while c < 0:
+                k, tests = seek(down, inverse, fall, tops, begins, stride, x, i, k, last, gap, own, mine, out, mine, pitch)
+                steps += (1 + gap) * tests
+                if k == last:
+                    break
+                if x + k not in seeds:
+                    c = x + k
+                k = min(k + SIZES[0], last)
+            if c < 0:
                 break
-            begin, c, k = upto[k], x + k, min(k + SIZES[0], last)
+            begin, end = c - x, min(c - x + SIZES[0], last)
         # Few lanes stand for all
         before = -1
         for seed in range(SEEDS):
             c = where[seed * (LANES // SEEDS) + LANES // SEEDS // 2]
             seeds[seed] = -1 if c == before else c
             before = c
+        x -= 1 + gap
     return steps
 
 
@@ -261,8 +276,8 @@ def steepest(laid, way, own, out, receivers):
     laid : (planes, columns, rows + margin) float32 array
         Turned heights, centred, with `march.ABYSS` beyond the border.
     way : Way
-    own : (m, n + any) float32 array
-        Heights of the receivers, columns first; n a multiple of 16.
+    own : (m, n) float32 array
+        Heights of the receivers, columns first; n is at least the next multiple of 16.
     out : (m, n) float32 array
         Tangents of the horizons so far, changed in place; infinite for what is no receiver.
     receivers : int
@@ -273,7 +288,7 @@ def steepest(laid, way, own, out, receivers):
     int
         Crossings looked at and tests of stretches, over all receivers.
     """
-    heights, strips, pitches = laid.ravel(), out.shape[1] // LANES, (own.shape[1], out.shape[1])
+    heights, strips = laid.ravel(), -(-receivers // LANES)
     mine, best = own.ravel(), out.ravel()
     half, looked = (strips + 1) // 2, 0
     first, second, weight, scale, drop, upto, down, inverse, fall, tops, begins = way
@@ -281,7 +296,7 @@ def steepest(laid, way, own, out, receivers):
         # Rays from the first rows are the longest: threads, which take neighbours, get some of all
         i = LANES * (2 * t if t < half else 2 * (t - half) + 1)
         looked += min(LANES, receivers - i) * _strip(
-            *(heights, laid.shape[2], laid.shape[1] - 1, mine, best, pitches, i),
+            *(heights, laid.shape[2], laid.shape[1] - 1, mine, best, own.shape[1], i),
             *(first, second, weight, scale, drop, upto, down, inverse, fall, tops, begins),
         )
     return looked
@@ -309,7 +324,7 @@ def horizons(laid, d, curve: float = 0.0, reach: int | None = None, tally=None) 
     """
     columns, rows = laid.shape[1], laid.shape[2] - march.BLOCK
     reach = columns - 1 if reach is None else min(reach, columns - 1)
-    out = np.full((columns, -(-rows // LANES) * LANES), -np.inf, np.float32)
+    out = np.full(laid.shape[1:], -np.inf, np.float32)
     out[:, rows:] = np.inf
     if reach > 0:
         looked = steepest(laid, way(laid, stretches(laid, d), d, curve, *march.edges(d, reach)), laid[0], out, rows)
