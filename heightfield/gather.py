@@ -1,4 +1,4 @@
-"""Light gathered over one direction: what the surface shows below the horizon, and the sky above it.
+"""Light gathered over one direction: what the surface shows below the horizon (the sky above it: `skylight`).
 
 A receiver of unit normal ``n`` sees, in a sector of azimuth around the horizontal direction ``d``, radiance ``L(e)`` at
 elevation ``e``. With ``a = n·d`` its irradiance from the sector is, per radian of azimuth,
@@ -22,11 +22,7 @@ import numpy as np
 from .lanes import LANES
 from .lanes_light import BEST, EACH, MINE, UP, climb, face, facet, measure, pour, shine, start, tint, total, worth
 from .lanes_skip import soon
-from .march import BLOCK
 from .skip import AHEAD, SIZES, leaves, seek
-from .sweep import arctan
-
-NODES = 2048  # of the sky's table over elevation
 
 
 class Shown(NamedTuple):
@@ -107,7 +103,7 @@ def _strip(
             end = upto[k]
             seen = climb(work, heights, place, first, second, weight, scale, drop, begin, end, tangents, which)
             if seen > 0:
-                measure(work, tangents, begin, which, seen, scale, bend, rises, sines, cosines, spots)
+                measure(work, facing == 1, tangents, begin, which, seen, scale, bend, rises, sines, cosines, spots)
                 for m in range(channels):
                     tint(which, spots, seen, corners, passed, light, m * image + place, colours)
                     total(sines, cosines, colours, seen, both)
@@ -130,6 +126,16 @@ def _strip(
         for m in range(channels * facing):
             pour(sums, m * LANES, share, out, m * size + at)
     return looked
+
+
+@nb.njit(cache=True)
+def edges_of(places, laid):
+    """Return the places of facets' edges in the laid field, flat, and the first and last of their columns, (f, 2)."""
+    edges = (places[:, :, 0] * laid[0].size + places[:, :, 1] + places[:, :, 2] * laid.shape[2]).ravel()
+    beside = np.empty((len(places), 2), np.int64)
+    for q in range(len(places)):
+        beside[q, 0], beside[q, 1] = places[q, :, 2].min(), places[q, :, 2].max()
+    return edges, beside
 
 
 @nb.njit(cache=True, parallel=True)
@@ -173,11 +179,7 @@ def surface(laid, radiance, own, normals, facets, toward, way, shown, slack, sha
     mine, up, found, sums = own.ravel(), normals.ravel(), horizon.ravel(), out.ravel()
     first, second, weight, scale, drop, upto, down, inverse, fall, tops, begins = way
     (corners, passed, bend), (places, per_east, per_south), (east, north) = shown, facets, toward
-    # Places in the laid field, and the first and last of their columns
-    edges = (places[:, :, 0] * laid[0].size + places[:, :, 1] + places[:, :, 2] * laid.shape[2]).ravel()
-    beside = np.empty((len(places), 2), np.int64)
-    for q in range(len(places)):
-        beside[q, 0], beside[q, 1] = places[q, :, 2].min(), places[q, :, 2].max()
+    edges, beside = edges_of(places, laid)
     for t in nb.prange(strips):
         i = LANES * (2 * t if t < half else 2 * (t - half) + 1)
         looked += min(LANES, receivers - i) * _strip(
@@ -186,89 +188,3 @@ def surface(laid, radiance, own, normals, facets, toward, way, shown, slack, sha
             *(first, second, weight, scale, drop, upto, down, inverse, fall, tops, begins),
         )
     return looked
-
-
-def sky_table(radiance) -> np.ndarray:
-    """Tabulate what a sky column adds above an elevation.
-
-    Parameters
-    ----------
-    radiance : (n, channels) array
-        Radiance at ``n`` elevations, equally spaced from −π/2 to π/2.
-
-    Returns
-    -------
-    (2, NODES, channels) float32 array
-        Integrals of ``L sin e cos e`` and ``L cos² e`` from each node's elevation to the zenith.
-    """
-    radiance = np.atleast_2d(np.asarray(radiance, dtype=np.float64))
-    e = np.linspace(-np.pi / 2, np.pi / 2, NODES)
-    given = np.linspace(-np.pi / 2, np.pi / 2, len(radiance)) if len(radiance) > 1 else np.zeros(1)
-    values = np.stack([np.interp(e, given, radiance[:, c]) for c in range(radiance.shape[1])], -1)
-    # Each interval's weight in closed form, its radiance the mean of the ends
-    mean = 0.5 * (values[1:] + values[:-1])
-    primitive = np.stack([np.sin(e) ** 2 / 2, (e + np.sin(e) * np.cos(e)) / 2])
-    pieces = np.diff(primitive, axis=1)[..., None] * mean
-    out = np.zeros((2, NODES, radiance.shape[1]))
-    out[:, :-1] = np.cumsum(pieces[:, ::-1], axis=1)[:, ::-1]
-    return out.astype(np.float32)
-
-
-@nb.njit(cache=True, error_model="numpy")
-def _opened(horizon, least, at):
-    # Where in the sky's table a row of receivers begins to see it
-    scale, middle = np.float32((NODES - 1) / np.pi), np.float32((NODES - 1) / 2)
-    for j in range(len(at)):
-        at[j] = max(horizon[j], least[j])
-    arctan(at)
-    for j in range(len(at)):
-        at[j] = at[j] * scale + middle
-
-
-@nb.njit(cache=True)
-def _sky_row(at, up, along, table, width, out):
-    # Add a row of receivers' sky to (channels, m)
-    for j in range(len(at)):
-        k = np.uint32(min(max(at[j], np.float32(0)), np.float32(NODES - 2)))
-        f = at[j] - np.float32(k)
-        for c in range(table.shape[2]):
-            s = table[0, k, c] + f * (table[0, k + 1, c] - table[0, k, c])
-            t = table[1, k, c] + f * (table[1, k + 1, c] - table[1, k, c])
-            out[c, j] += width * max(up[j] * s + along[j] * t, np.float32(0))
-
-
-@nb.njit(cache=True, parallel=True, error_model="numpy")
-def add_sky(horizon, normals, toward, table, width, out):
-    """Add the sky of a sector of ``width`` radians, above tangents ``horizon`` and the receivers' own planes.
-
-    ``horizon`` is (n, m), ``normals`` (3, n, m), ``out`` (channels, n, m).
-    """
-    (rows, columns), (east, north), width = horizon.shape, toward, np.float32(width)
-    for i in nb.prange(rows):
-        x, y, up = normals[0, i], normals[1, i], normals[2, i]
-        along = x * east + y * north
-        at = np.empty(columns, np.float32)
-        _opened(horizon[i], -along / up, at)
-        _sky_row(at, up, along, table, width, out[:, i])
-
-
-@nb.njit(cache=True, parallel=True)
-def add_sky_to_facets(laid, horizon, facets, toward, table, width, out):
-    """Add the sky as `add_sky` does to what triangles that meet receivers get there; ``out`` is (channels, f, n, m).
-
-    ``laid`` is the field, as for `surface`.
-    """
-    (edges, per_east, per_south), (east, north), width = facets, toward, np.float32(width)
-    columns, rows = laid.shape[1], laid.shape[2] - BLOCK
-    for x in nb.prange(len(horizon)):
-        at = np.empty(rows, np.float32)
-        for q in range(len(edges)):
-            planes, down, aside = edges[q, :, 0], edges[q, :, 1], edges[q, :, 2]
-            if x + aside.min() >= 0 and x + aside.max() < columns:
-                a, b = max(-down.min(), 0), rows - max(down.max(), 0)
-                h = [laid[planes[k], x + aside[k], a + down[k] : b + down[k]] for k in range(4)]
-                u, v = (h[1] - h[0]) * per_east, (h[3] - h[2]) * per_south
-                least = u * east - v * north
-                up = np.float32(1) / np.sqrt(np.float32(1) + u * u + v * v)
-                _opened(horizon[x, a:b], least, at[a:b])
-                _sky_row(at[a:b], up, -least * up, table, width, out[:, q, x, a:b])

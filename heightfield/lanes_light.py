@@ -8,69 +8,20 @@ from numba.core import cgutils
 from numba.extending import intrinsic
 
 from .lanes import _F32, LANES, _any, _load, _pointer, _splat, address, sixteen
+from .lanes_moments import QUARTER, angle_of, bounded, constant, moments_of, weighed
 from .lanes_skip import FUSED, crossing
 
 # Rows of the working memory; the last four once for each normal
 BEST, MINE, UP, ALONG, LEAST, NONE = range(6)
 EACH = NONE + 1 - UP
 TINY = 1e-30
-STEEPEST = 1e12
-
-# Minimax polynomial of the arc tangent over [0, 1], absolute error 2e-6
-ARC = (-0.01172120, 0.05265332, -0.11643287, 0.19354346, -0.33262347, 0.99997726)
-QUARTER = 1.5707963
-
-
-def _constant(value):
-    return ir.Constant(_F32, [value] * LANES)
-
-
-def _bounded(builder, t):
-    # Magnitude, up to `STEEPEST`, and where it is negative
-    below = builder.fcmp_ordered("<", t, _constant(0.0))
-    magnitude = builder.select(below, builder.fneg(t), t)
-    most = _constant(STEEPEST)
-    return builder.select(builder.fcmp_ordered("<", magnitude, most), magnitude, most), below
-
-
-def _angle(builder, magnitude, inverse, below):
-    # Arc tangent in all lanes; ``inverse`` is that of magnitudes above 1
-    steep = builder.fcmp_ordered(">", magnitude, _constant(1.0))
-    z = builder.select(steep, inverse, magnitude)
-    q = builder.fmul(z, z)
-    e = _constant(ARC[0])
-    for coefficient in ARC[1:]:
-        e = builder.fadd(builder.fmul(e, q, flags=FUSED), _constant(coefficient), flags=FUSED)
-    e = builder.fmul(e, z)
-    e = builder.select(steep, builder.fsub(_constant(QUARTER), e), e)
-    return builder.select(below, builder.fneg(e), e)
-
-
-def _moments(builder, t):
-    # ½ t² c and ½ (atan t + t c), c = 1 / (1 + t²), in all lanes: W is n_z and a times them
-    half, one = _constant(0.5), _constant(1.0)
-    magnitude, below = _bounded(builder, t)
-    square = builder.fmul(magnitude, magnitude)
-    whole = builder.fadd(one, square)
-    # One division for both 1 / t and c
-    large = builder.select(builder.fcmp_ordered(">", magnitude, one), magnitude, one)
-    both = builder.fdiv(one, builder.fmul(large, whole))
-    c = builder.fmul(half, builder.fmul(both, large))
-    e = _angle(builder, magnitude, builder.fmul(both, whole), below)
-    tc = builder.fmul(magnitude, c)
-    tc = builder.select(below, builder.fneg(tc), tc)
-    return builder.fmul(square, c), builder.fadd(builder.fmul(half, e, flags=FUSED), tc, flags=FUSED)
-
-
-def _sum(builder, nz, a, moments):
-    return builder.fadd(builder.fmul(nz, moments[0], flags=FUSED), builder.fmul(a, moments[1]), flags=FUSED)
-
+SHORT = 0.05  # steps of tangents whose mean is their middle
 
 def _fill(builder, row, nz, a, least):
     # `LEAST` is the tangent at which the plane rises, `NONE` W there: its sines and cosines cancel but for the angle's
-    magnitude, below = _bounded(builder, least)
-    angle = _angle(builder, magnitude, builder.fdiv(_constant(1.0), magnitude), below)
-    none = builder.fmul(builder.fmul(_constant(0.5), a), angle)
+    magnitude, below = bounded(builder, least)
+    angle = angle_of(builder, magnitude, builder.fdiv(constant(1.0), magnitude), below)
+    none = builder.fmul(builder.fmul(constant(0.5), a), angle)
     for k, value in ((UP, nz), (ALONG, a), (LEAST, least), (NONE, none)):
         builder.store(value, row(k), align=4)
 
@@ -133,12 +84,37 @@ def facet(typingctx, work, which, heights, place, offsets, east, north, per_east
             builder.fmul(builder.fsub(height(k + 1), height(k)), _splat(builder, per, _F32))
             for k, per in ((0, per_east), (2, per_south))
         )
-        long = builder.fadd(builder.fadd(_constant(1.0), builder.fmul(x, x), flags=FUSED), builder.fmul(y, y), flags=FUSED)
+        long = builder.fadd(builder.fadd(constant(1.0), builder.fmul(x, x), flags=FUSED), builder.fmul(y, y), flags=FUSED)
         root = cgutils.get_or_insert_function(builder.module, ir.FunctionType(_F32, [_F32]), f"llvm.sqrt.v{LANES}f32")
         root = builder.call(root, [long])
-        nz = builder.fdiv(_constant(1.0), root)
+        nz = builder.fdiv(constant(1.0), root)
         least = builder.fsub(builder.fmul(x, _splat(builder, east, _F32)), builder.fmul(y, _splat(builder, north, _F32)))
         _fill(builder, row, nz, builder.fneg(builder.fmul(least, nz)), least)
+
+    return sig, generate
+
+
+@intrinsic
+def open_sky(typingctx, work, which, share, out, at):
+    """Add to ``out[at]`` and on (flat float32) what normal ``which`` gains from an even sky, times ``share``.
+
+    That is W from the horizon, or the normal's plane, to the zenith, where its moments are ½ and π/4.
+    """
+    number = types.intp
+    sig = types.void(work, number, types.float32, out, number)
+
+    def generate(context, builder, signature, arguments):
+        work, which, share, out, at = arguments
+        row = _rows(context, builder, signature.args[0], work, which)
+        nz, a, least, best = (_load(builder, row(k)) for k in (UP, ALONG, LEAST, BEST))
+        t = builder.select(builder.fcmp_ordered(">", best, least), best, least)
+        zenith = (constant(0.5), constant(0.5 * QUARTER))
+        left = [builder.fsub(*pair) for pair in zip(zenith, moments_of(builder, t), strict=False)]
+        w = weighed(builder, nz, a, left)
+        w = builder.select(builder.fcmp_ordered(">", w, constant(0.0)), w, constant(0.0))
+        target = builder.bitcast(address(context, builder, signature.args[3], out, at), ir.PointerType(_F32))
+        more = builder.fmul(w, _splat(builder, share, _F32))
+        builder.store(builder.fadd(_load(builder, target), more), target, align=4)
 
     return sig, generate
 
@@ -154,7 +130,7 @@ def pour(typingctx, values, place, share, out, at):
         given = sixteen(context, builder, kinds[0], values, place)
         more = builder.fmul(given, _splat(builder, share, _F32))
         total = builder.fadd(sixteen(context, builder, kinds[3], out, at), more)
-        for kind, array, index, value in ((kinds[3], out, at, total), (kinds[0], values, place, _constant(0.0))):
+        for kind, array, index, value in ((kinds[3], out, at, total), (kinds[0], values, place, constant(0.0))):
             target = builder.bitcast(address(context, builder, kind, array, index), ir.PointerType(_F32))
             builder.store(value, target, align=4)
 
@@ -206,26 +182,27 @@ def climb(typingctx, work, heights, place, first, second, weight, scale, drop, b
 
 
 @intrinsic
-def measure(typingctx, work, tangents, begin, which, count, scale, bend, rises, sines, cosines, spots):
+def measure(typingctx, work, alone, tangents, begin, which, count, scale, bend, rises, sines, cosines, spots):
     """Raise the horizons to ``count`` crossings ``which``, and find what each of them newly shows.
 
     Written are, sixteen receivers each: the horizons before and after each to ``rises``, of them the two moments that make W
     to ``sines`` and ``cosines``, and to ``spots`` where between the crossing before (0) and this one (1) lies what is
     newly seen, on average. What is seen begins where the old horizon's sight line meets the surface. From afar its middle is
-    half way from there, from near it is ``bend`` of the way (`gather.bends`). Other parameters as `climb` has them.
+    half way from there, from near it is ``bend`` of the way (`gather.bends`). ``alone`` says that receivers have one normal.
+    Other parameters as `climb` has them.
     """
     number = types.intp
-    sig = types.void(work, tangents, number, which, number, scale, bend, rises, sines, cosines, spots)
+    sig = types.void(work, types.boolean, tangents, number, which, number, scale, bend, rises, sines, cosines, spots)
 
     def generate(context, builder, signature, arguments):
-        work, tangents, begin, which, count, scale, bend, *results = arguments
+        work, alone, tangents, begin, which, count, scale, bend, *results = arguments
         kinds = signature.args
         row = _rows(context, builder, kinds[0], work)
         best_at = cgutils.alloca_once(builder, _F32)
-        nothing, zero, one = _constant(0.0), ir.Constant(count.type, 0), ir.Constant(count.type, 1)
+        nothing, zero, one = constant(0.0), ir.Constant(count.type, 0), ir.Constant(count.type, 1)
 
         def write(m, *values):
-            for kind, target, value in zip(kinds[7:], results, values, strict=False):
+            for kind, target, value in zip(kinds[8:], results, values, strict=False):
                 builder.store(value, _pointer(context, builder, kind, target, _F32, m), align=4)
 
         def positive(value):
@@ -235,29 +212,59 @@ def measure(typingctx, work, tangents, begin, which, count, scale, bend, rises, 
             return _splat(builder, builder.load(address(context, builder, kinds[k], arguments[k], n)), _F32)
 
         def seen(k):
-            return _load(builder, _pointer(context, builder, kinds[1], tangents, _F32, k))
+            return _load(builder, _pointer(context, builder, kinds[2], tangents, _F32, k))
 
         best = _load(builder, row(BEST))
         builder.store(best, best_at)
-        write(zero, best, *_moments(builder, best))
+        moments = moments_of(builder, best)
+        write(zero, best, *moments[:2])
+        moments_at, middle_at = [cgutils.alloca_once_value(builder, v) for v in moments], cgutils.alloca_once(builder, _F32)
         with cgutils.for_range(builder, count) as loop:
             m = loop.index
-            n = builder.load(address(context, builder, kinds[3], which, m))
+            n = builder.load(address(context, builder, kinds[4], which, m))
             k, old = builder.sub(n, begin), builder.load(best_at)
             before, rise = seen(k), seen(builder.add(k, one))
             new = builder.select(builder.fcmp_ordered(">", rise, old), rise, old)
             builder.store(new, best_at)
+            moments = moments_of(builder, new)
+            more = []
+            for at, value in zip(moments_at, moments, strict=True):
+                more.append(builder.fsub(value, builder.load(at)))
+                builder.store(value, at)
             # Heights below and above the old sight line; distances are inverse, so each is divided by the other's
             last = builder.select(builder.icmp_signed(">", n, zero), builder.sub(n, one), n)
-            under = builder.fmul(positive(builder.fsub(old, before)), listed(5, n))
-            over = builder.fmul(builder.fsub(new, old), listed(5, last))
-            start = builder.fdiv(under, builder.fadd(builder.fadd(under, over), _constant(TINY)))
-            near = listed(6, n)
-            middle = builder.fadd(near, builder.fmul(start, builder.fsub(_constant(0.5), near), flags=FUSED), flags=FUSED)
-            rest = builder.fmul(builder.fsub(_constant(1.0), start), middle, flags=FUSED)
-            at = _pointer(context, builder, kinds[10], results[3], _F32, m)
+            under = builder.fmul(positive(builder.fsub(old, before)), listed(6, n))
+            step = builder.fsub(new, old)
+            over = builder.fmul(step, listed(6, last))
+            start = builder.fdiv(under, builder.fadd(builder.fadd(under, over), constant(TINY)))
+            near = listed(7, n)
+            middle = builder.fadd(near, builder.fmul(start, builder.fsub(constant(0.5), near), flags=FUSED), flags=FUSED)
+            builder.store(middle, middle_at)
+            wide = builder.and_(
+                builder.fcmp_ordered(">", step, constant(SHORT)), builder.fcmp_ordered(">", old, constant(-1 / SHORT))
+            )
+            with cgutils.if_unlikely(builder, _any(builder, wide)):
+                # Tangents count by what they add: to the one normal; of several, to level ground, or walls what lies below.
+                # In short steps all count alike
+                up = builder.fcmp_ordered(">=", old, constant(0.0))
+                level = builder.select(up, constant(1.0), constant(0.0)), builder.select(up, constant(0.0), constant(1.0))
+                shares = [builder.select(alone, _load(builder, row(k)), v) for k, v in zip((UP, ALONG), level, strict=True)]
+                first, second = (weighed(builder, *shares, pair) for pair in ((more[2], more[0]), more))
+                first = builder.fsub(first, builder.fmul(old, second))
+                # Places lie the denser over tangents the farther; so does ``middle``, for tangents that count alike
+                ratio = builder.fdiv(listed(6, n), listed(6, last))
+                rest = builder.fsub(constant(1.0), ratio)
+                ratio = builder.fadd(ratio, builder.fmul(start, rest))
+                whole = builder.fsub(builder.fmul(step, second), builder.fmul(first, builder.fsub(constant(1.0), ratio)))
+                lean = builder.fdiv(builder.fmul(first, builder.fadd(constant(1.0), ratio)), whole)
+                leant = positive(builder.fmul(middle, lean))
+                leant = builder.select(builder.fcmp_ordered("<", leant, constant(1.0)), leant, constant(1.0))
+                builder.store(builder.select(wide, leant, middle), middle_at)
+            middle = builder.load(middle_at)
+            rest = builder.fmul(builder.fsub(constant(1.0), start), middle, flags=FUSED)
+            at = _pointer(context, builder, kinds[11], results[3], _F32, m)
             builder.store(builder.fadd(start, rest, flags=FUSED), at, align=4)
-            write(builder.add(m, one), new, *_moments(builder, new))
+            write(builder.add(m, one), new, *moments[:2])
         builder.store(builder.load(best_at), row(BEST), align=4)
 
     return sig, generate
@@ -309,7 +316,7 @@ def total(typingctx, sines, cosines, colours, count, both):
         one, parts = ir.Constant(count.type, 1), []
         for kind, values in ((kinds[0], sines), (kinds[1], cosines)):
             got = cgutils.alloca_once(builder, _F32)
-            builder.store(_constant(0.0), got)
+            builder.store(constant(0.0), got)
             parts.append((kind, values, got))
         with cgutils.for_range(builder, count) as loop:
             colour = _load(builder, _pointer(context, builder, kinds[2], colours, _F32, loop.index))
@@ -356,11 +363,11 @@ def shine(typingctx, work, which, rises, sines, cosines, colours, count, both, o
             with some:
                 hidden, seen = _load(builder, row(NONE)), cgutils.alloca_once(builder, _F32)
                 builder.store(
-                    builder.select(builder.fcmp_ordered(">", first, least), _sum(builder, nz, a, moments), hidden), seen
+                    builder.select(builder.fcmp_ordered(">", first, least), weighed(builder, nz, a, moments), hidden), seen
                 )
                 with cgutils.for_range(builder, count) as loop:
                     t, *now = reached(builder.add(loop.index, one))
-                    w = builder.select(builder.fcmp_ordered(">", t, least), _sum(builder, nz, a, now), hidden)
+                    w = builder.select(builder.fcmp_ordered(">", t, least), weighed(builder, nz, a, now), hidden)
                     colour = _load(builder, _pointer(context, builder, kinds[5], colours, _F32, loop.index))
                     more = builder.fmul(builder.fsub(w, builder.load(seen)), colour, flags=FUSED)
                     builder.store(builder.fadd(builder.load(got), more, flags=FUSED), got)
@@ -370,7 +377,7 @@ def shine(typingctx, work, which, rises, sines, cosines, colours, count, both, o
                     _load(builder, _pointer(context, builder, kinds[7], both, _F32, ir.Constant(count.type, k)))
                     for k in (0, 1)
                 ]
-                builder.store(builder.fadd(builder.load(got), _sum(builder, nz, a, sums), flags=FUSED), got)
+                builder.store(builder.fadd(builder.load(got), weighed(builder, nz, a, sums), flags=FUSED), got)
         builder.store(builder.load(got), target, align=4)
 
     return sig, generate
@@ -389,7 +396,7 @@ def worth(typingctx, work, which, top, near, fall, slack):
         nz, a, least, best = (_load(builder, row(k)) for k in (UP, ALONG, LEAST, BEST))
         seen = builder.select(builder.fcmp_ordered(">", best, least), best, least)
         rise = builder.select(builder.fcmp_ordered(">", rise, seen), rise, seen)
-        after, before = (_sum(builder, nz, a, _moments(builder, t)) for t in (rise, seen))
+        after, before = (weighed(builder, nz, a, moments_of(builder, t)) for t in (rise, seen))
         return _any(builder, builder.fcmp_ordered(">", builder.fsub(after, before), slack))
 
     return sig, generate

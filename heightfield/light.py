@@ -82,7 +82,7 @@ def positive(name: str, values: np.ndarray) -> None:
 
 
 def sky_columns(sky, azimuths: np.ndarray, channels: int) -> list[np.ndarray]:
-    """Return the sky's radiance over elevation for each azimuth, as `gather.sky_table` takes it."""
+    """Return the sky's radiance over elevation for each azimuth, as `skylight.sky_table` takes it."""
     e = np.linspace(-np.pi / 2, np.pi / 2, ROWS)
     if not callable(sky):
         sky = reals("sky", sky)

@@ -12,6 +12,7 @@ from .faces import MEETING, Facets, along_edge, bordered, facets, fit, inside, p
 from .lanes import LANES
 from .light import disk_share
 from .march import ABYSS, BLOCK, crossed
+from .skylight import add_sky, add_sky_to_facets
 from .surface import refine
 from .sweep import Direction, direction, packed
 
@@ -86,7 +87,7 @@ class Passes:
         radiance : (channels, 2, 3, ...) float32 array, optional
             Of the triangles at their corners; none by default.
         tables : K arrays, optional
-            The sky's, as `gather.sky_table` returns them; no sky by default.
+            The sky's, as `skylight.sky_table` returns them; no sky by default.
         step : callable, optional
             Called after each direction.
 
@@ -112,9 +113,9 @@ class Passes:
                 for r, share in zip(receivers, shares, strict=True):
                     horizon = self._look(d, laid, tops, r, lit, toward, width, share)
                     if table is not None and to_corners:
-                        gather.add_sky_to_facets(laid, horizon, r.facets, toward, table, width, share)
+                        add_sky_to_facets(laid, horizon, r.facets, toward, table, width, share)
                     elif table is not None:
-                        gather.add_sky(horizon, r.normals, toward, table, width, share)
+                        add_sky(horizon, r.normals, toward, table, width, share)
                 if step:
                     step()
             self._add_back(d, shares, out)

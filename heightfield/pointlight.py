@@ -9,18 +9,26 @@ from __future__ import annotations
 import numba as nb
 import numpy as np
 
-from . import gather
+from .lanes_light import SHORT
 from .points import height_at, next_crossing
+from .skylight import add_sky
 from .surface import refine
 
 ASIDE = 1e-6  # cells; a ray along an edge sees half of the triangles on either side
 
 
 @nb.njit(cache=True)
+def _moments(t):
+    # `lanes_moments.moments_of`
+    c = 1 / (1 + t * t)
+    return 0.5 * t * t * c, 0.5 * (np.arctan(t) + t * c), 0.5 * (np.arctan(t) - t * c)
+
+
+@nb.njit(cache=True)
 def _weight(t, nz, a):
     # W at the elevation whose tangent is t
-    c = 1 / (1 + t * t)
-    return 0.5 * (nz * t * t * c + a * (np.arctan(t) + t * c))
+    s, b, _ = _moments(t)
+    return nz * s + a * b
 
 
 @nb.njit(cache=True)
@@ -32,6 +40,20 @@ def _bend(before, t):
         return 0.0
     r = t / before
     return 1 - r * (1 - np.log(r) / (r - 1)) / (r - 1)
+
+
+@nb.njit(cache=True)
+def _leant(middle, old, new, ratio, nz, a):
+    # Where the middle lies if tangents count by what they add (see `lanes_light.measure`)
+    if new - old <= SHORT or old <= -1 / SHORT:
+        return middle
+    s, b, d = _moments(new)
+    s_old, b_old, d_old = _moments(old)
+    s, b, d = s - s_old, b - b_old, d - d_old
+    second = nz * s + a * b
+    first = nz * d + a * s - old * second
+    whole = (new - old) * second - first * (1 - ratio)
+    return min(max(middle * first * (1 + ratio) / whole, 0.0), 1.0) if whole > 0 else 0.0
 
 
 @nb.njit(cache=True, parallel=True)
@@ -63,8 +85,9 @@ def _gather(heights, places, nz, a, south, east, limit, curve, radiance, horizon
                 # Where what is newly seen begins, and its middle (see `lanes_light.measure`)
                 under, over = max(best - last, 0.0) * before, (rise - best) * t
                 from_ = under / (under + over) if under > 0 else 0.0
-                near = _bend(before, t)
-                spot = before + (from_ + (1 - from_) * (near + from_ * (0.5 - near))) * (t - before)
+                near, ratio = _bend(before, t), before / t + from_ * (1 - before / t)
+                share = _leant(near + from_ * (0.5 - near), best, rise, ratio, nz[p], a[p])
+                spot = before + (from_ + (1 - from_) * share) * (t - before)
                 middle = 0.5 * (before + t)
                 for side in (-ASIDE, ASIDE):
                     v, u = y + middle * south + side * east / length, x + middle * east - side * south / length
@@ -101,7 +124,7 @@ def arriving(field, places, n, azimuths, tables, radiance=None, s: int = 1, step
     azimuths : (K,) array
         Radians clockwise from north.
     tables : K arrays
-        The sky's, as `gather.sky_table` returns them.
+        The sky's, as `skylight.sky_table` returns them.
     radiance : (channels, 2, 3, s · (rows − 1), s · (columns − 1)) array, optional
         Of the triangles at their corners (see `faces.corners`), those south-west of their cells' diagonals first.
     s : int
@@ -131,7 +154,7 @@ def arriving(field, places, n, azimuths, tables, radiance=None, s: int = 1, step
         south, east = -np.cos(azimuth) / dy * s, np.sin(azimuth) / dx * s
         _gather(heights, at, n[2], a, south, east, limit, field.curve, radiance, horizon, out)
         toward = np.float32(np.sin(azimuth)), np.float32(np.cos(azimuth))
-        gather.add_sky(horizon[None], n[:, None], toward, table, width, sky)
+        add_sky(horizon[None], n[:, None], toward, table, width, sky)
         if step:
             step()
     return (out * width).astype(np.float32) + sky[:, 0]

@@ -87,20 +87,18 @@ def packed(grid: np.ndarray) -> np.ndarray:
 
 
 @nb.njit(cache=True, error_model="numpy")
-def arctan(values):
-    """Turn a row of float32 tangents into angles, to 2e-7: the range in thirds, then Cephes' polynomial (atanf)."""
-    one = np.float32(1)
-    for j in range(len(values)):
-        t = abs(values[j])
-        steep, middle = t > np.float32(2.4142135), t > np.float32(0.41421356)
-        above = -one if steep else (t - one if middle else t)
-        below = t if steep else (t + one if middle else one)
-        x = above / below
-        z = x * x
-        p = np.float32(8.05374449538e-2) * z - np.float32(1.38776856032e-1)
-        p = (p * z + np.float32(1.99777106478e-1)) * z - np.float32(3.33329491539e-1)
-        e = p * z * x + x + np.float32(np.pi / 2 if steep else (np.pi / 4 if middle else 0))
-        values[j] = -e if values[j] < 0 else e
+def arctan(tangent):
+    """Return the angle of a float32 tangent, to 2e-7: the range in thirds, then Cephes' polynomial (atanf)."""
+    one, t = np.float32(1), abs(tangent)
+    steep, middle = t > np.float32(2.4142135), t > np.float32(0.41421356)
+    above = -one if steep else (t - one if middle else t)
+    below = t if steep else (t + one if middle else one)
+    x = above / below
+    z = x * x
+    p = np.float32(8.05374449538e-2) * z - np.float32(1.38776856032e-1)
+    p = (p * z + np.float32(1.99777106478e-1)) * z - np.float32(3.33329491539e-1)
+    e = p * z * x + x + np.float32(np.pi / 2 if steep else (np.pi / 4 if middle else 0))
+    return -e if tangent < 0 else e
 
 
 @nb.njit(cache=True, parallel=True)
@@ -110,7 +108,9 @@ def angles(tangents, out):
     for t in nb.prange((rows + TILE - 1) // TILE):
         _tile_row(tangents, t, out)
         for i in range(t * TILE, min((t + 1) * TILE, rows)):
-            arctan(out[i])
+            row = out[i]
+            for j in range(len(row)):
+                row[j] = arctan(row[j])
 
 
 def direction(azimuth: float, spacing: tuple[float, float]) -> Direction:

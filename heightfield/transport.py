@@ -9,9 +9,10 @@ from __future__ import annotations
 import numpy as np
 
 from ..errors import InputError
-from . import gather, light, pointlight, points
+from . import light, pointlight, points
 from .faces import cornered, corners, mean, places, triangle_normals
 from .passes import Passes
+from .skylight import add_sky, sky_table
 from .surface import normals, refine
 from .sweep import packed
 
@@ -40,7 +41,7 @@ def irradiance(
         raise InputError(f"'albedo' must be in [0, 1] (got {albedo.min():g} to {albedo.max():g})")
     lamps = points.lamps_of(lamps, channels)
     n = normals(field.heights, field.spacing, field.valid).astype(np.float32)
-    tables = [gather.sky_table(c) for c in light.sky_columns(sky, azimuths, channels)]
+    tables = [sky_table(c) for c in light.sky_columns(sky, azimuths, channels)]
     glows = bool((emission > 0).any())
     bounces = bounces if (albedo > 0).any() else 0
     # A strip one sample wide has no triangles
@@ -66,7 +67,7 @@ def irradiance(
         width = 2 * np.pi / len(azimuths)
         for az, table, t in zip(azimuths, tables, tangents, strict=True):
             toward = np.float32(np.sin(az)), np.float32(np.cos(az))
-            gather.add_sky(packed(t), n, toward, table, width, e)
+            add_sky(packed(t), n, toward, table, width, e)
             step()
     if sun is not None:
         e += light.sunlight(sun, lambda az, el, r: field._lit(az, el, r, method, at), own, channels)

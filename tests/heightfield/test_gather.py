@@ -115,6 +115,20 @@ def test_bends():
     assert found[0] == pytest.approx(0, abs=1e-7) and found[4] == 0.5
 
 
+@pytest.mark.parametrize("column, error", [(7, 0.04), (6, 0.03), (5, 0.02), (0, 0.01)])
+def test_a_wall_that_is_darkest_at_its_foot(column, error):
+    """From near, what a wall sends is not that of its middle: its foot fills more of the view, its top counts for more."""
+    heights = np.where(np.arange(24) > 8, 5.0, 0.0) * np.ones((9, 1))
+    options = dict(sky=0.0, emission=heights, albedo=0.0, bounces=0, azimuths=[np.pi / 2])
+    field = HeightField(heights)
+    # At share s of its height 5 and of its width 1 the wall is seen under t = 5 s / (d + s)
+    d = 8 - column
+    t = (np.arange(100000) + 0.5) / 100000 * 5 / (d + 1)
+    expected = 2 * np.pi * np.mean(5 * t * d / (5 - t) * t / (1 + t**2) ** 2) * 5 / (d + 1)
+    assert field.irradiance(**options)[4, column, 0] == pytest.approx(expected, rel=error)
+    assert field.irradiance(points=[[4.0, column]], **options)[0, 0] == pytest.approx(expected, rel=error)
+
+
 def test_corners_of_triangles():
     """What a grid point has for each of its six triangles comes to that triangle's corner."""
     # Of a grid of 2 × 2 points: 100 for each row, 10 for each column, and which of the point's triangles

@@ -35,7 +35,8 @@ def brute(h, azimuth, i, j, spacing=(1.0, 1.0)):
     return np.arctan(np.max((surface(h, y, x) - h[i, j]) / s))
 
 
-AZIMUTHS = st.one_of(st.floats(0, 2 * np.pi), st.sampled_from(list(np.arange(8) * np.pi / 4)))
+# Not a hair off the grid's axes: what runs along the border to within rounding counts as on it
+AZIMUTHS = st.one_of(st.floats(0, 2 * np.pi).map(lambda a: round(a, 4)), st.sampled_from(list(np.arange(8) * np.pi / 4)))
 
 
 @settings(max_examples=60, deadline=None)
