@@ -82,13 +82,6 @@ def cornered(values: np.ndarray) -> np.ndarray:
     return out
 
 
-def places(heights: np.ndarray, s: int) -> np.ndarray:
-    """Return rows, columns and heights of the triangles' centroids, (3, 2, ...) float64, for (rows, columns) heights."""
-    z = mean(heights, s)
-    y, x = np.indices(z.shape[1:])
-    return np.stack([np.stack([(y + v) / s, (x + u) / s, z[k]]) for k, (v, u) in enumerate(CENTROIDS)], axis=1)
-
-
 def spots(kind: int, n: int) -> list[tuple[float, float]]:
     """Return rows and columns, in the cell, of the centroids of the n² like parts of a triangle of a kind."""
     parts = ((a, b, c) for a in range(n) for b in range(n) for c in CENTROIDS)

@@ -88,6 +88,9 @@ def _strip(
             soon(values, at + AHEAD * pitch)
         for q in range(channels * facing):
             soon(out, q * size + at + AHEAD * pitch)
+        if horizon[at] == np.inf:
+            # None of the sixteen receives
+            continue
         start(work, horizon, own, at)
         if facing == 1:
             for q in range(3):

@@ -46,11 +46,26 @@ class Receivers:
     normals: np.ndarray | None = None
     facets: Facets = NO_FACETS
 
-    def horizon(self) -> np.ndarray:
-        """Return tangents of horizons before anything is seen, infinite for what is no receiver."""
+    def horizon(self, busy=None) -> np.ndarray:
+        """Return tangents of horizons before anything is seen, infinite for what is no receiver.
+
+        ``busy``, (n, m / 16) bool, says which sixteen rows receive at all.
+        """
         out = np.full(self.heights.shape, -np.inf, dtype=np.float32)
+        if busy is not None:
+            out[_sixteenfold(~busy)] = np.inf
         out[:, self.rows :] = np.inf
         return out
+
+    def turns(self, sparse: int, seed: int) -> np.ndarray:
+        """Return which of ``sparse`` turns it is of sixteen rows, (n, m / 16) int64: dashes of two columns, at random."""
+        columns, rows = self.heights.shape
+        some = np.random.default_rng(seed).integers(sparse, size=(-(-columns // 2), rows // LANES))
+        return np.repeat(some, 2, axis=0)[:columns]
+
+
+def _sixteenfold(values):
+    return np.repeat(values, LANES, axis=-1)
 
 
 def _padded(values, fill=0.0):
@@ -68,12 +83,12 @@ class Passes:
         Unit normals of the grid points.
     s : int
         Cells into which a cell is cut, a side.
-    tolerance : float
-        As `HeightField.irradiance` takes it.
+    tolerance, sparse
+        As `HeightField.irradiance` takes them.
     """
 
-    def __init__(self, field, n, s: int, tolerance: float):
-        self.field, self.n, self.s, self.tolerance = field, n, s, tolerance
+    def __init__(self, field, n, s: int, tolerance: float, sparse: int = 1):
+        self.field, self.n, self.s, self.tolerance, self.sparse = field, n, s, tolerance, sparse
         self.fine = refine(field._turned, s)
 
     def gathered(self, to_corners: bool, azimuths, radiance=None, tables=None, step=None) -> np.ndarray:
@@ -101,6 +116,7 @@ class Passes:
         out = np.zeros((channels, *each), dtype=np.float32)
         width, tables = 2 * np.pi / len(azimuths), [None] * len(azimuths) if tables is None else tables
         directions = ((az, direction(az, self.field.spacing), table) for az, table in zip(azimuths, tables, strict=True))
+        done, served = 0, np.zeros((1, *each[-2:]), dtype=np.float32)
         for _, some in itertools.groupby(directions, lambda v: (v[1].transpose, v[1].flip_rows, v[1].flip_columns)):
             # Directions of an eighth of the circle see the field alike
             some = list(some)
@@ -108,18 +124,27 @@ class Passes:
             laid, receivers = self._laid(d), self._receivers(d, to_corners)
             lit = None if radiance is None else bordered(self._dealt(d, radiance), self.s, d.flip_rows)
             shares = [np.zeros((channels, *each[:-2], *r.heights.shape), dtype=np.float32) for r in receivers]
+            # Of a sparse direction each point has its turn (§10.3); neighbours have others, so that banding turns to noise
+            turns = [r.turns(self.sparse, done) if self.sparse > 1 else None for r in receivers]
+            counts = [np.zeros((1, *r.heights.shape), dtype=np.float32) for r in receivers]
             for az, d, table in some:
                 tops, toward = skip.stretches(laid, d, self.s), (np.float32(np.sin(az)), np.float32(np.cos(az)))
-                for r, share in zip(receivers, shares, strict=True):
-                    horizon = self._look(d, laid, tops, r, lit, toward, width, share)
+                for r, share, turn, count in zip(receivers, shares, turns, counts, strict=True):
+                    busy = None if turn is None else (turn + done) % self.sparse == 0
+                    if busy is not None:
+                        count += _sixteenfold(busy)
+                    horizon = self._look(d, laid, tops, r, lit, toward, width, share, busy)
                     if table is not None and to_corners:
                         add_sky_to_facets(laid, horizon, r.facets, toward, table, width, share)
                     elif table is not None:
                         add_sky(horizon, r.normals, toward, table, width, share)
+                done += 1
                 if step:
                     step()
             self._add_back(d, shares, out)
-        return out
+            if self.sparse > 1:
+                self._add_back(d, counts, served)
+        return out if self.sparse == 1 else out * (len(azimuths) / np.maximum(served, 1))
 
     def shadow(self, azimuth: float, elevation: float, radius: float) -> np.ndarray:
         """Share of the sun's disk that triangles see, straight over each, at their corners: (2, 3, ...) float32."""
@@ -137,12 +162,12 @@ class Passes:
                     corner += np.float32(weight) * seen
         return np.clip(out, 0, 1, out=out)
 
-    def _look(self, d: Direction, laid, tops, r: Receivers, radiance=None, toward=None, width=None, share=None):
+    def _look(self, d: Direction, laid, tops, r: Receivers, radiance=None, toward=None, width=None, share=None, busy=None):
         # Return the tangents of the horizons, and add what the surface sends if its radiance is given
         reach = self.field._reach(d)
         columns, stride = laid.shape[1] - 1, laid.shape[2]
         columns = columns if reach is None else min(reach, columns)
-        horizon = r.horizon()
+        horizon = r.horizon(busy)
         if columns <= 0:
             return horizon
         # A ray along edges has a triangle on its left and another on its right: half of each
@@ -153,7 +178,7 @@ class Passes:
             if radiance is None:
                 looked = skip.steepest(laid, way, r.heights, horizon, r.rows)
             else:
-                horizon = r.horizon()
+                horizon = r.horizon(busy)
                 # Radiance has a row before the first
                 corners = (seen.corners.astype(np.int64) @ [radiance[0, 0].size, 1, stride] + 1).ravel()
                 numbers = np.append(0, seen.weight), gather.bends(seen.distance)
@@ -163,7 +188,8 @@ class Passes:
                 looked = gather.surface(laid, radiance, *own, toward, way, shown, slack, part, horizon, share, r.rows)
             naive = crossed(seen.edges, (r.rows, len(r.heights)), stride - BLOCK, laid.shape[1])
             # Either side of an edge is half a ray
-            self.field.tally.add(looked, naive, r.rows * len(r.heights) / len(sides))
+            part = 1.0 if busy is None else busy.mean()
+            self.field.tally.add(looked, part * naive, part * r.rows * len(r.heights) / len(sides))
         return horizon
 
     # --- To a laid grid and back ---------------------------------------------------------------------------------------

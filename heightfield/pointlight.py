@@ -10,7 +10,7 @@ import numba as nb
 import numpy as np
 
 from .lanes_light import SHORT
-from .points import height_at, next_crossing
+from .points import crossed, height_at, hopeless, next_crossing
 from .skylight import add_sky
 from .surface import refine
 
@@ -58,7 +58,8 @@ def _leant(middle, old, new, ratio, nz, a):
 
 @nb.njit(cache=True, parallel=True)
 def _gather(heights, places, nz, a, south, east, limit, curve, radiance, horizon, out):
-    # Add what the surface sends along one direction, per radian of azimuth, and raise the horizons
+    # Add what the surface sends along one direction, per radian of azimuth, and raise the horizons; count crossings
+    top, looked, naive = heights.max(), 0, 0
     rows, columns = heights.shape
     channels = len(radiance)
     across = east - south
@@ -73,11 +74,12 @@ def _gather(heights, places, nz, a, south, east, limit, curve, radiance, horizon
         seen = _weight(best, nz[p], a[p])
         while True:
             t = min(tr, tc, td)
-            if not t < limit:
+            if not t < limit or hopeless(top, eye, t, best):
                 break
             row, column = y + t * south, x + t * east
             if row < -1e-9 or column < -1e-9 or row > rows - 1 + 1e-9 or column > columns - 1 + 1e-9:
                 break
+            looked += 1
             h = height_at(heights, min(max(row, 0.0), rows - 1.0), min(max(column, 0.0), columns - 1.0))
             rise = (h - eye) / t - curve * t
             if rise > best:
@@ -109,6 +111,8 @@ def _gather(heights, places, nz, a, south, east, limit, curve, radiance, horizon
             if td <= here:
                 td += dd
         horizon[p] = best
+        naive += crossed(heights.shape, y, x, south, east, limit)
+    return looked, naive
 
 
 def arriving(field, places, n, azimuths, tables, radiance=None, s: int = 1, step=None) -> np.ndarray:
@@ -152,7 +156,8 @@ def arriving(field, places, n, azimuths, tables, radiance=None, s: int = 1, step
         a = n[0] * np.sin(azimuth) + n[1] * np.cos(azimuth)
         horizon = np.array(-a / n[2], dtype=np.float64)
         south, east = -np.cos(azimuth) / dy * s, np.sin(azimuth) / dx * s
-        _gather(heights, at, n[2], a, south, east, limit, field.curve, radiance, horizon, out)
+        looked = _gather(heights, at, n[2], a, south, east, limit, field.curve, radiance, horizon, out)
+        field.tally.add(*looked, len(at))
         toward = np.float32(np.sin(azimuth)), np.float32(np.cos(azimuth))
         add_sky(horizon[None], n[:, None], toward, table, width, sky)
         if step:

@@ -37,12 +37,35 @@ def next_crossing(position, speed):
 
 
 @nb.njit(cache=True)
-def steepest(heights, y, x, eye, south, east, limit, curve):
-    """Return the steepest rise from a point to the surface along one ray.
+def crossed(shape, y, x, south, east, limit):
+    """Count the rows, columns and diagonals that a ray crosses before it leaves the field or reaches its limit."""
+    end = limit
+    for position, speed, last in ((y, south, shape[0] - 1), (x, east, shape[1] - 1)):
+        if abs(speed) > 1e-12:
+            end = min(end, ((last if speed > 0 else 0) - position) / speed)
+    count = 0
+    for position, speed in ((y, south), (x, east), (x - y, east - south)):
+        first = next_crossing(position, speed)
+        if first <= end:
+            count += 1 + int((end - first) * abs(speed) + 1e-9)
+    return count
+
+
+@nb.njit(cache=True)
+def hopeless(top, eye, t, best):
+    """Whether no surface up to height ``top`` can rise above tangent ``best`` from distance ``t`` on."""
+    return best >= max((top - eye) / t, 0.0)
+
+
+@nb.njit(cache=True)
+def steepest(heights, top, y, x, eye, south, east, limit, curve):
+    """Return the steepest rise from a point to the surface along one ray, and how many crossings it took.
 
     Parameters
     ----------
     heights : (rows, columns) float64 array
+    top : float
+        The greatest of them: where no height can be seen any more, the walk ends.
     y, x : float
         Row and column of the point, fractional, on the field.
     eye : float
@@ -56,8 +79,9 @@ def steepest(heights, y, x, eye, south, east, limit, curve):
 
     Returns
     -------
-    float
-        Tangent; −inf if nothing of the field lies ahead.
+    tangent : float
+        −inf if nothing of the field lies ahead.
+    looked : int
     """
     rows, columns = heights.shape
     # Times of the next crossings with rows, columns and diagonals, and the times between two of each
@@ -66,14 +90,15 @@ def steepest(heights, y, x, eye, south, east, limit, curve):
     dr = 1 / abs(south) if abs(south) > 1e-12 else np.inf
     dc = 1 / abs(east) if abs(east) > 1e-12 else np.inf
     dd = 1 / abs(across) if abs(across) > 1e-12 else np.inf
-    best = -np.inf
+    best, looked = -np.inf, 0
     while True:
         t = min(tr, tc, td)
-        if not t < limit:
-            return best
+        if not t < limit or hopeless(top, eye, t, best):
+            return best, looked
         row, column = y + t * south, x + t * east
         if row < -1e-9 or column < -1e-9 or row > rows - 1 + 1e-9 or column > columns - 1 + 1e-9:
-            return best
+            return best, looked
+        looked += 1
         h = height_at(heights, min(max(row, 0.0), rows - 1.0), min(max(column, 0.0), columns - 1.0))
         best = max(best, (h - eye) / t - curve * t)
         # Crossings at one place count once
@@ -88,16 +113,21 @@ def steepest(heights, y, x, eye, south, east, limit, curve):
 
 @nb.njit(cache=True, parallel=True)
 def _horizons(heights, points, south, east, limit, curve, out):
+    top, looked, naive = heights.max(), 0, 0
     for p in nb.prange(len(points)):
         y, x = points[p]
         eye = height_at(heights, y, x)
         for k in range(len(south)):
-            out[k, p] = steepest(heights, y, x, eye, south[k], east[k], limit, curve)
+            out[k, p], n = steepest(heights, top, y, x, eye, south[k], east[k], limit, curve)
+            looked += n
+            naive += crossed(heights.shape, y, x, south[k], east[k], limit)
+    return looked, naive
 
 
 @nb.njit(cache=True, parallel=True)
 def _lit(heights, places, x0, y0, z0, dy, dx, curve, out):
     # Whether every receiver sees a lamp at x0 m east and y0 m south of the first sample, z0 m high
+    top = heights.max()
     for p in nb.prange(len(places)):
         y, x, z = places[p]
         east, south, up = x0 - x * dx, y0 - y * dy, z0 - z
@@ -105,7 +135,7 @@ def _lit(heights, places, x0, y0, z0, dy, dx, curve, out):
         if d < 1e-9:
             out[p] = up > 0
             continue
-        rise = steepest(heights, y, x, z, south / d / dy, east / d / dx, d * (1 - 1e-9), curve)
+        rise, _ = steepest(heights, top, y, x, z, south / d / dy, east / d / dx, d * (1 - 1e-9), curve)
         out[p] = rise < up / d - curve * d
 
 
@@ -126,7 +156,7 @@ def positions(points, shape: tuple[int, int]) -> np.ndarray:
     return np.ascontiguousarray(found)
 
 
-def tangents(heights, points, azimuths, spacing, radius, curve) -> np.ndarray:
+def tangents(heights, points, azimuths, spacing, radius, curve, tally) -> np.ndarray:
     """Tangents of the horizons of chosen points.
 
     Parameters
@@ -142,6 +172,8 @@ def tangents(heights, points, azimuths, spacing, radius, curve) -> np.ndarray:
         Metres to look.
     curve : float
         Drop of the Earth's surface over squared distance, 1/m.
+    tally : Tally
+        What was looked at is added.
 
     Returns
     -------
@@ -149,7 +181,7 @@ def tangents(heights, points, azimuths, spacing, radius, curve) -> np.ndarray:
     """
     out = np.empty((len(azimuths), len(points)))
     south, east = -np.cos(azimuths) / spacing[0], np.sin(azimuths) / spacing[1]
-    _horizons(heights, points, south, east, np.inf if radius is None else radius, curve, out)
+    tally.add(*_horizons(heights, points, south, east, np.inf if radius is None else radius, curve, out), out.size)
     return out
 
 

@@ -227,6 +227,10 @@ def _strip(
         # Two neighbours in one stretch look together, at what either has to: the nearer one's way is a column longer
         gap = x & 1
         place, mine, room = x * stride + i, x * pitch + i, edge - x
+        if out[mine] == np.inf and out[mine - gap * pitch] == np.inf:
+            # None of the sixteen receives
+            x -= 1 + gap
+            continue
         last = min(room, leave)
         for ahead in (AHEAD, AHEAD + 1):
             soon(own, mine - ahead * pitch)

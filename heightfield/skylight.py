@@ -127,6 +127,8 @@ def _even_strip(heights, stride, edge, shares, east, north, per_east, per_south,
     work = np.zeros((UP + EACH * facing) * LANES, np.float32)
     for x in range(size // pitch):
         place, at = x * stride + i, x * pitch + i
+        if horizon[at] == np.inf:
+            continue
         start(work, horizon, horizon, at)
         for q in range(facing):
             # What lies beyond the border is no triangle: any will do

@@ -10,15 +10,17 @@ import numpy as np
 
 from ..errors import InputError
 from . import light, pointlight, points
-from .faces import cornered, corners, mean, places, triangle_normals
+from .faces import cornered, corners, fit, inside, mean, spots, triangle_normals
 from .passes import Passes
 from .skylight import add_sky, sky_table
 from .surface import normals, refine
 from .sweep import packed
 
+LAMP_PARTS = 2  # a side, into which a triangle is cut to look at lamps
+
 
 def irradiance(
-    field, sky, sun, lamps, albedo, emission, bounces, azimuths, tolerance, supersampling, method, progress, at=None
+    field, sky, sun, lamps, albedo, emission, bounces, azimuths, tolerance, supersampling, sparse, method, progress, at=None
 ) -> np.ndarray:
     """Irradiance of every point of a field; parameters as `HeightField.irradiance` has them, checked but for the lights.
 
@@ -62,7 +64,9 @@ def irradiance(
     else:
         own, spots = points.interpolated(at, field.valid, n)[1], points.standing(field.heights, at)
     e = np.zeros((channels, *own.shape[1:]), dtype=np.float32)
-    if apart:
+    if apart and sparse > 1:
+        e += Passes(field, n, 1, 0.0, sparse).gathered(False, azimuths, tables=tables, step=step)
+    elif apart:
         tangents = field._tangents(azimuths, method)
         width = 2 * np.pi / len(azimuths)
         for az, table, t in zip(azimuths, tables, tangents, strict=True):
@@ -79,7 +83,7 @@ def irradiance(
     # Light of the triangles at their corners, a bounce at a time; what unknown points would send is left out
     s = supersampling
     facing = triangle_normals(field.heights - field.centre, field.spacing, s)
-    triangles = Passes(field, n, s, tolerance)
+    triangles = Passes(field, n, s, tolerance, sparse)
     known = mean(field.valid | (field.policy == "fill"), s)[:, None] > 1 - 1e-6
 
     def sent(image):
@@ -92,9 +96,7 @@ def irradiance(
         if sun is not None:
             direct += light.sunlight(sun, triangles.shadow, facing[:, :, None], channels)
         if lamps:
-            centroids = places(field.heights, s)
-            lamplit = points.lamplight(field.heights, field.spacing, lamps, centroids, facing, channels, field.curve)
-            direct += lamplit[:, :, None]
+            direct += _lamplight(field, lamps, facing, channels, s)
     for b in range(int(bounces)):
         arriving = corners(triangles.gathered(True, azimuths, radiance, step=step)) if b or glows else 0
         radiance = share * (direct + arriving)
@@ -102,3 +104,17 @@ def irradiance(
     if at is not None:
         return e + pointlight.arriving(field, spots, own, azimuths, tables, radiance, s, step)
     return e + triangles.gathered(False, azimuths, radiance, None if apart else tables, step)
+
+
+def _lamplight(field, lamps, facing, channels: int, s: int) -> np.ndarray:
+    # Irradiance of the triangles at their corners, (channels, 2, 3, ...), straight over each: fitted to a few places in it
+    fine = refine(field.heights, s)
+    y, x = np.indices(facing.shape[2:])
+    out = np.zeros((channels, 2, 3, *facing.shape[2:]), np.float32)
+    for kind in (0, 1):
+        for (v, u), weights in zip(spots(kind, LAMP_PARTS), fit(kind, LAMP_PARTS).T, strict=True):
+            at = np.stack([(y + v) / s, (x + u) / s, inside(fine, kind, v, u)])
+            lit = points.lamplight(field.heights, field.spacing, lamps, at, facing[:, kind], channels, field.curve)
+            for corner, weight in enumerate(weights):
+                out[:, kind, corner] += np.float32(weight) * lit
+    return np.maximum(out, 0, out=out)

@@ -10,7 +10,6 @@ from intervis.heightfield.faces import (
     corners,
     facets,
     fit,
-    places,
     planes,
     spots,
     triangle_normals,
@@ -100,7 +99,6 @@ def test_triangles_of_a_cell():
     # South-west: rises by 3 to the east only; north-east: by 3 to the south only
     np.testing.assert_allclose(n[:, 0, 0, 0], np.array([-3, 0, 1]) / np.sqrt(10), rtol=1e-6)
     np.testing.assert_allclose(n[:, 1, 0, 0], np.array([0, 3, 1]) / np.sqrt(10), rtol=1e-6)
-    np.testing.assert_allclose(places(heights, 1)[:, :, 0, 0].T, [[2 / 3, 1 / 3, 1], [1 / 3, 2 / 3, 1]])
 
 
 def test_bends():

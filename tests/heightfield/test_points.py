@@ -68,6 +68,15 @@ def test_a_lamp_lights_what_mitsuba_says(variant_llvm, field):
     assert 0.1 < (found > 0).mean() < 0.95
 
 
+def test_a_lamp_close_to_the_ground():
+    """What triangles get from a lamp is not what their centroids get: light bounced off a groove is that of a fine one's."""
+    field = HeightField(np.abs(np.arange(24) - 11.5) * np.ones((24, 1)))
+    options = dict(sky=0.0, albedo=0.5, azimuths=32, lamps=[(11.5, -11.5, 3.0, 100.0)])
+    direct = field.irradiance(bounces=0, **options)
+    coarse, fine = (field.irradiance(bounces=1, supersampling=s, **options) - direct for s in (1, 4))
+    assert np.abs(coarse - fine).mean() < 0.01 * fine.mean()
+
+
 @pytest.mark.parametrize("lamps", ["x", [(1, 2, 3)], [(1, 2, np.nan, 4)], [(1, 2, 3, -4)], [(1, 2, 3, [1.0, 2.0])]])
 def test_lamps_refused(field, lamps):
     with pytest.raises(InputError, match="lamps"):
