@@ -9,6 +9,10 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
+from .meshlight import LEVELS, Parts, groups, triangles
+from .rectangle import rectangle_of, uniform
+
+COUNTED_LIGHTS = 16  # with more lights than this, their visibility is not told apart
 _REFERENCE_SAMPLES = 256
 # Farther than any scene, with a square that float32 still holds
 _BEYOND = 1e18
@@ -16,37 +20,49 @@ _BEYOND = 1e18
 
 @dataclass
 class Lights:
-    """Emitters of a scene, in arrays that kernels gather from.
+    """Lights of a scene, in arrays that kernels gather from: its emitters, mesh lights in parts.
 
     Attributes
     ----------
     count : int
-        Number of emitters.
-    area : list of bool
-        Which of them are area lights.
+        Number of lights.
     emitters : list of mi.Emitter
-        The emitters, in the scene's order.
+        Each light's emitter, in the scene's order.
     pointers : mi.EmitterPtr
         The same, for virtual calls by index.
-    centre, normal : mi.Point3f, mi.Vector3f
-        Bounding-sphere centre and, for planar one-sided lights, the emitting side's normal (else zero).
-    radius, power : mi.Float
-        Bounding-sphere radius (negative for lights at infinity) and a bound-like brightness
-        (radiance times area for area lights, intensity for points, irradiance at infinity).
+    table : mi.Float
+        Twelve numbers a light: centre and radius of a bounding sphere (negative for lights at infinity); the emitting
+        side's normal of planar lights, the mean normal of parts of a mesh, or zero, and its length; a bound-like brightness
+        (radiance times area for area lights, intensity for points, irradiance at infinity); cosine and sine of the angle
+        around that normal in which all normals lie (cosine 1 but for parts of a mesh; -1 if it is too wide); zero.
     rectangle : tuple or None
         Corners, normal and constant radiance spectrum source if the only light is a plain rectangle.
+    parts : Parts or None
+        Triangles of mesh lights.
+    numbers : mi.UInt32
+        Place among the scene's emitters, by what Mitsuba's registry numbers them.
+    start, faces_at, faces : mi.UInt32
+        Of each emitter: its first light; where its triangles' groups begin in ``groups``, and how many there are.
+    groups : mi.UInt32
+        Which of its emitter's lights a triangle belongs to.
     """
 
     count: int
-    area: list
     emitters: list
-    pointers: object
-    centre: object
-    normal: object
-    radius: object
-    power: object
-    rectangle: tuple | None
+    pointers: object = None
+    table: object = None
+    rectangle: tuple | None = None
+    parts: object = None
     numbers: object = None
+    start: object = None
+    faces_at: object = None
+    faces: object = None
+    groups: object = None
+
+    @property
+    def alone(self) -> bool:
+        """Whether all lights are of one emitter."""
+        return all(e is self.emitters[0] for e in self.emitters)
 
     @property
     def infinite(self) -> bool:
@@ -63,10 +79,15 @@ class Lights:
             return ds.p
         return dr.select(mi.has_flag(emitter.flags(), mi.EmitterFlags.Infinite), p + ds.d * _BEYOND, ds.p)
 
-    def index(self, emitter):
-        """Position of an emitter (pointer) in the arrays."""
+    def index(self, emitter, triangle):
+        """Position in the arrays of the light that a ray has hit, from its emitter (pointer) and its triangle's number."""
         identity = dr.reinterpret_array(mi.UInt32, emitter)
-        return dr.gather(mi.UInt32, self.numbers, dr.minimum(identity, dr.width(self.numbers) - 1))
+        k = dr.gather(mi.UInt32, self.numbers, dr.minimum(identity, dr.width(self.numbers) - 1))
+        light = dr.gather(mi.UInt32, self.start, k)
+        if self.parts is not None:
+            mesh = triangle < dr.gather(mi.UInt32, self.faces, k)
+            light += dr.gather(mi.UInt32, self.groups, dr.gather(mi.UInt32, self.faces_at, k) + triangle, mesh)
+        return light
 
 
 def _numbers(pointers):
@@ -141,49 +162,28 @@ def _probe(emitter, points: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndar
     return place, np.where(np.isfinite(value), value, 0.0), distance
 
 
-def _parallelogram(shape) -> np.ndarray | None:
-    # Corners, in order, of a rectangle or of a mesh of two triangles with such an outline
-    parameters = mi.traverse(shape)
-    if str(shape).startswith("Rectangle"):
-        m = np.array(parameters["to_world"].matrix, dtype=np.float64).reshape(4, 4)
-        return np.array([(m @ [x, y, 0, 1])[:3] for x, y in ((-1, -1), (1, -1), (1, 1), (-1, 1))])
-    if "vertex_positions" not in parameters or len(parameters["faces"]) != 6:
-        return None
-    vertices = np.array(parameters["vertex_positions"], dtype=np.float64).reshape(-1, 3)
-    places, index = np.unique(vertices, axis=0, return_inverse=True)
-    faces = index.ravel()[np.array(parameters["faces"], dtype=np.int64)].reshape(2, 3)
-    shared = np.intersect1d(*faces)
-    if len(places) != 4 or len(shared) != 2:
-        return None
-    a, c = places[shared]
-    b, d = (places[np.setdiff1d(f, shared)[0]] for f in faces)
-    extent = np.ptp(places, axis=0).max()
-    # Its normal must be that of both triangles all over, whatever the vertices' normals
-    normals = np.array(shape.sample_position(0.0, mi.Point2f([0.1, 0.9, 0.3, 0.7], [0.2, 0.3, 0.8, 0.9])).n)
-    if np.abs(a + c - b - d).max() > 1e-6 * extent or np.ptp(normals, axis=1).max() > 1e-6:
-        return None
-    return np.array([a, b, c, d])
+def _bounds_of(shape, emitter) -> tuple[np.ndarray, float, float]:
+    # Bounding sphere of an area light, and its radiance times area
+    box = shape.bbox()
+    surface = shape.surface_area()
+    surface = float(surface[0] if dr.width(surface) else 0.0) if not np.isscalar(surface) else float(surface)
+    radius = 0.5 * float(np.linalg.norm(np.array(box.extents())))
+    return np.array(box.center(), dtype=np.float64), radius, _mean_radiance(emitter, shape) * surface
 
 
-def _rectangle(shape, emitter) -> tuple | None:
-    # A parallelogram with one radiance all over: the case that has a closed form
-    if "radiance.value" not in mi.traverse(emitter) or np.size(mi.traverse(emitter)["radiance.value"]) > 3:
-        return None
-    corners = _parallelogram(shape)
-    if corners is None:
-        return None
-    normal = np.array(shape.sample_position(0.0, mi.Point2f(0.5)).n).ravel()[:3].astype(np.float64)
-    if not np.isfinite(corners).all() or not np.isfinite(normal).all() or not np.linalg.norm(normal) > 0.5:
-        return None
-    winding = np.cross(corners[1] - corners[0], corners[2] - corners[0]) @ normal
-    # Seen from the emitting side, corners must run counter-clockwise for the irradiance to be positive
-    if winding > 0:
-        corners = corners[::-1]
-    return list(corners), normal, emitter
+def _parts_of(shape, emitter, most: int) -> tuple[list, np.ndarray]:
+    """Groups of a mesh light's triangles and each triangle's group; none where it is to be sampled as a whole."""
+    if not shape.is_mesh() or not uniform(emitter) or most < 2:
+        return [], np.zeros(0, dtype=np.int64)
+    mesh = triangles(shape, _mean_radiance(emitter, shape))
+    if mesh is None:
+        return [], np.zeros(0, dtype=np.int64)
+    group = groups(mesh, min(LEVELS, most.bit_length() - 1))
+    return [mesh.part(group == g) for g in range(group.max() + 1)], group
 
 
 def collect(scene) -> Lights:
-    """Gather what sampling needs to know about every emitter of a scene.
+    """Gather what sampling needs to know about every light of a scene; a mesh light counts as several.
 
     Parameters
     ----------
@@ -195,41 +195,64 @@ def collect(scene) -> Lights:
     """
     emitters = list(scene.emitters())
     shapes = {s.emitter().id() + str(s.emitter().ptr): s for s in scene.shapes() if s.is_emitter()}
-    area, centre, normal, radius, power = [], [], [], [], []
+    owner, rows, pieces, faces, start = [], [], [], [], []
     rectangle = None
-    for emitter in emitters:
+    for k, emitter in enumerate(emitters):
+        start.append(len(owner))
+        faces.append(np.zeros(0, dtype=np.int64))
         shape = shapes.get(emitter.id() + str(emitter.ptr))
-        area.append(shape is not None)
-        n = np.zeros(3)
+        n, cone = np.zeros(3), 1.0
         if shape is None:
             c, r, phi = _brightness_elsewhere(emitter, scene)
         else:
-            box = shape.bbox()
-            c = np.array(box.center(), dtype=np.float64)
-            r = 0.5 * float(np.linalg.norm(np.array(box.extents())))
-            surface = shape.surface_area()
-            surface = float(surface[0] if dr.width(surface) else 0.0) if not np.isscalar(surface) else float(surface)
-            phi = _mean_radiance(emitter, shape) * surface
-            rectangle = _rectangle(shape, emitter)
+            c, r, phi = _bounds_of(shape, emitter)
+            rectangle = rectangle_of(shape, emitter)
             if rectangle is not None or re.match("Rectangle|Disk", str(shape)):
                 n = np.array(shape.sample_position(0.0, mi.Point2f(0.5)).n).ravel()[:3]
-        ok = np.isfinite(c).all() and np.isfinite(r) and np.isfinite(phi) and np.isfinite(n).all()
-        centre.append(c if ok else np.zeros(3))
-        normal.append(n if ok else np.zeros(3))
-        radius.append(r if ok else 0.0)
-        power.append(phi if ok else 0.0)
-    columns = lambda rows: np.array(rows, dtype=np.float32).reshape(len(emitters), 3).T  # noqa: E731
+            else:
+                parts, faces[-1] = _parts_of(shape, emitter, COUNTED_LIGHTS // len(emitters))
+                whole = sum(p.area.sum() for p in parts)
+                for part in parts:
+                    middle, radius, mean, cone = part.bounds()
+                    pieces.append((len(owner), part, whole))
+                    owner.append(k)
+                    rows.append((*middle, *mean, cone, radius, part.radiance * part.area.sum()))
+                if parts:
+                    continue
+        owner.append(k)
+        rows.append((*c, *n, cone, r, phi))
+    return _arrays(scene, emitters, rectangle, owner, rows, pieces, faces, start)
+
+
+def _arrays(scene, emitters, rectangle, owner, rows, pieces, faces, start) -> Lights:
+    # What was found, where kernels can read it
+    if not emitters:
+        return Lights(0, [])
+    table = np.array(rows, dtype=np.float64)
+    table[~np.isfinite(table).all(axis=1)] = 0
+    centre, normal, cone, radius, power = np.split(table, [3, 6, 7, 8], axis=1)
+    size, flare = np.linalg.norm(normal, axis=1, keepdims=True), np.sqrt(np.clip(1 - cone**2, 0, 1))
+    packed = np.concatenate([centre, radius, normal, size, power, cone, flare, 0 * cone], axis=1).astype(np.float32)
+    parts = None
+    if pieces:
+        parts = Parts(len(owner))
+        for piece in pieces:
+            parts.add(*piece)
+        parts.freeze()
+    pointers = scene.emitters_dr()
+    groups_at = np.cumsum([0, *(len(f) for f in faces)])[:-1]
     return Lights(
-        count=len(emitters),
-        area=area,
-        emitters=emitters,
-        pointers=scene.emitters_dr() if emitters else None,
-        centre=mi.Point3f(columns(centre)) if emitters else None,
-        normal=mi.Vector3f(columns(normal)) if emitters else None,
-        radius=mi.Float(np.array(radius, dtype=np.float32)) if emitters else None,
-        power=mi.Float(np.array(power, dtype=np.float32)) if emitters else None,
-        rectangle=rectangle if len(emitters) == 1 else None,
-        numbers=_numbers(scene.emitters_dr()) if emitters else None,
+        count=len(owner),
+        emitters=[emitters[k] for k in owner],
+        pointers=dr.gather(mi.EmitterPtr, pointers, mi.UInt32(owner)),
+        table=mi.Float(packed.ravel()),
+        rectangle=rectangle if len(owner) == 1 else None,
+        parts=parts,
+        numbers=_numbers(pointers),
+        start=mi.UInt32(start),
+        faces_at=mi.UInt32(groups_at),
+        faces=mi.UInt32([len(f) for f in faces]),
+        groups=mi.UInt32(np.concatenate([*faces, [0]])),
     )
 
 
@@ -237,58 +260,28 @@ def importance(lights: Lights, index, p, n, transmits):
     """Estimate what light ``index`` would add at a point if nothing stood between, for choosing among lights.
 
     Zero only where the light provably adds nothing: wholly below the surface's horizon (when the surface does not
-    transmit), or a planar light seen from behind.
+    transmit), or wholly turned away.
     """
-    c = dr.gather(mi.Point3f, lights.centre, index)
-    axis = dr.gather(mi.Vector3f, lights.normal, index)
-    r = dr.gather(mi.Float, lights.radius, index)
-    phi = dr.gather(mi.Float, lights.power, index)
+    a, b = (dr.gather(mi.Vector4f, lights.table, 3 * index + k) for k in range(2))
+    phi, cone, flare, _ = dr.gather(mi.Vector4f, lights.table, 3 * index + 2)
+    c, r, axis = mi.Point3f(a.x, a.y, a.z), a.w, mi.Vector3f(b.x, b.y, b.z)
     d = c - p
-    d2 = dr.squared_norm(d)
+    d2 = dr.maximum(dr.squared_norm(d), 1e-30)
+    inverse = dr.rsqrt(d2)
     # Highest sine above the horizon that any point of the bounding sphere reaches
-    height = dr.dot(d, n)
-    reach = (height + r) * dr.rsqrt(dr.maximum(d2, 1e-30))
-    top = dr.select(transmits, 1.0, dr.clip(reach, 0.0, 1.0))
-    front = dr.select(dr.squared_norm(axis) > 0, dr.maximum(-dr.dot(d, axis), 0) * dr.rsqrt(dr.maximum(d2, 1e-30)), 1.0)
-    near = phi * dr.maximum(top, 0) * front / dr.maximum(d2 + 0.5 * r * r, 1e-30)
+    top = dr.select(transmits, 1.0, dr.clip((dr.dot(d, n) + r) * inverse, 0.0, 1.0))
+    # Share of its brightness that the light's slant leaves
+    slant = -dr.dot(d, axis) * inverse
+    front = dr.select(b.w > 0, dr.maximum(slant, 0), 1.0)
+    if lights.parts is not None:
+        # A part's normals lie in a cone, which its extent widens; the best of them is what some of it may have
+        off = dr.clip(slant / dr.maximum(b.w, 1e-30), -1, 1)
+        sine = dr.minimum(r * inverse, 1)
+        cosine = dr.sqrt(1 - sine * sine)
+        wide_cos, wide_sin = cone * cosine - flare * sine, flare * cosine + cone * sine
+        best = off * wide_cos + dr.sqrt(1 - off * off) * wide_sin
+        # Within the sphere, or among normals that look everywhere, some of it always faces the point
+        best = dr.select((cone < 0) | (wide_cos < 0) | (off >= wide_cos), 1, best)
+        front = dr.select(cone < 1, dr.maximum(front, dr.select(best > -1e-3, 0.3 * dr.maximum(best, 0.03), 0)), front)
+    near = phi * top * front / (d2 + 0.5 * r * r)
     return dr.select(r < 0, phi, near)
-
-
-def polygon_irradiance(p, n, corners):
-    """Irradiance at points ``p`` from a planar polygon of unit radiance, clipped at the horizon (Lambert's formula).
-
-    Parameters
-    ----------
-    p : mi.Point3f
-        Receiving points.
-    n : mi.Vector3f
-        Unit normals there.
-    corners : list of mi.Point3f
-        Corners of a convex polygon, in order; clockwise seen from its emitting side.
-
-    Returns
-    -------
-    mi.Float
-        E/L in steradians times cosine, in [0, π]. The side of the polygon is not tested.
-    """
-    v = [dr.normalize(c - p) for c in corners]
-    z = [dr.dot(a, n) for a in v]
-    total, leave, enter = mi.Float(0), mi.Vector3f(0), mi.Vector3f(0)
-
-    def edge(a, b):
-        c = dr.cross(a, b)
-        s = dr.norm(c)
-        return dr.select(s > 0, dr.dot(c, n) * dr.atan2(s, dr.dot(a, b)) / dr.maximum(s, 1e-30), 0)
-
-    for i in range(len(v)):
-        a, b, za, zb = v[i], v[(i + 1) % len(v)], z[i], z[(i + 1) % len(v)]
-        # An edge that crosses the horizon is cut there; the cuts are joined along the horizon below
-        crossing = (za > 0) != (zb > 0)
-        cut = dr.normalize(a * zb - b * za) * dr.select(zb > za, 1.0, -1.0)
-        leave = dr.select(crossing & (za > 0), cut, leave)
-        enter = dr.select(crossing & (zb > 0), cut, enter)
-        a = dr.select(za > 0, a, cut)
-        b = dr.select(zb > 0, b, cut)
-        total += dr.select((za > 0) | (zb > 0), edge(a, b), 0)
-    total += edge(leave, enter)
-    return dr.maximum(0.5 * total, 0)

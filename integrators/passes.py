@@ -10,11 +10,11 @@ import mitsuba as mi
 from . import cells
 from .bounce import indirect
 from .camera import Frame, scramble
+from .lights import COUNTED_LIGHTS
 from .points import net_1d, net_2d, shuffle
 from .proof import tolerance, unobstructed
-from .shading import Shading, Surface, rectangle_light, several_lights, single_light
-
-COUNTED_LIGHTS = 16  # with more lights than this, their visibility is not told apart
+from .rectangle import rectangle_light
+from .shading import Shading, Surface, several_lights, single_light
 
 
 @dataclass
@@ -80,12 +80,11 @@ def _trusting(shading: Shading, seen: list, tried: list):
 
 def _reflected(shading: Shading, surface: Surface, s, keys, rays, trust, total):
     """Light found by following one BSDF sample, weighted against the light samples."""
-    value, emitter, pdf, density, traced = surface.reflect(
+    value, l, pdf, density, traced = surface.reflect(
         net_1d(shuffle(s, keys[10]), keys[11]), net_2d(shuffle(s, keys[11]), keys[10], keys[6])
     )
     chance = mi.Float(1)
     if shading.lights.count > 1:
-        l = shading.lights.index(emitter)
         weight = surface.importance(l) * trust(l)
         chance = dr.select(total > 0, weight / total, 0)
     # Balance heuristic, the other side of Surface.integrand
@@ -140,7 +139,7 @@ def pilot(shading: Shading, frame: Frame, seed, rays: int) -> Pilot:
                     weight_l = surface.importance(l)
                 chance = weight_l / total
                 u.x = dr.clip((target - before) / dr.maximum(weight_l, 1e-30), 0, 1 - 2**-20)
-            ds, w = surface.emitter_sample(surface.emitter(l, active), u, active & (chance > 0))
+            ds, w = surface.light_sample(l, u, active & (chance > 0))
             rho, useful = surface.integrand(ds, w, chance, active & (chance > 0))
             lit = (useful & proven) | surface.visible(ds.p, useful & ~proven)
             cell = mi.UInt32(u.y * grid) * 4 + mi.UInt32(u.x * grid)

@@ -18,12 +18,11 @@ import drjit as dr
 import mitsuba as mi
 
 from . import cells
-from .lights import Lights, collect, importance, polygon_irradiance
+from .lights import Lights, collect, importance
 from .order import turn
 from .points import net_2d
 from .proof import collect_blockers
-
-FLOOR = 0.08  # sampling weight of a decided light cell, next to 1 for an undecided one
+from .rectangle import FLOOR, Rectangle
 
 
 @dataclass
@@ -130,7 +129,7 @@ class Surface:
 
     @dr.syntax
     def reflect(self, s1, s2):
-        """Follow one BSDF sample to an emitter: its weighted radiance, the emitter, and both densities."""
+        """Follow one BSDF sample to a light: its weighted radiance, the light's number, and both densities."""
         scene, si = self.shading.scene, self.si
         sample, weight = self.bsdf.sample(mi.BSDFContext(), si, s1, s2, self.specular)
         active = self.specular & dr.any(weight != 0)
@@ -140,95 +139,34 @@ class Surface:
         value = dr.select(active & (emitter != None), weight * emitter.eval(next_si, active), 0)  # noqa: E711
         delta = mi.has_flag(sample.sampled_type, mi.BSDFFlags.Delta)
         density = emitter.pdf_direction(si, ds, active & ~delta)
-        return value, emitter, sample.pdf, dr.select(delta, 0, density), active
+        lights, l = self.shading.lights, mi.UInt32(0)
+        if dr.hint(lights.count > 1, mode="scalar"):
+            l = lights.index(emitter, next_si.prim_index)
+        if dr.hint(lights.parts is not None, mode="scalar"):
+            density *= dr.gather(mi.Float, lights.parts.share, l)
+        return value, l, sample.pdf, dr.select(delta, 0, density), active
 
     def importance(self, l):
         """What light ``l`` might add, for choosing among lights; flatter where highlights defy the estimate."""
         w = importance(self.shading.lights, l, self.si.p, self.facing(), self.transmits)
         return dr.select(self.specular, dr.sqrt(w), w)
 
-    def emitter(self, l, active):
-        """Emitter number ``l``; the object itself where there is only one, which spares virtual calls."""
+    def light_sample(self, l, u, active):
+        """Sample a direction towards light number ``l``."""
         lights = self.shading.lights
-        if lights.count == 1:
-            return lights.emitters[0]
-        return dr.gather(mi.EmitterPtr, lights.pointers, l, active)
-
-    def emitter_sample(self, emitter, u, active):
-        """Sample a direction towards an emitter (object or pointers)."""
-        ds, weight = emitter.sample_direction(self.si, u, active)
-        ds.p = self.shading.lights.end(ds, emitter, self.si.p)
+        # The object itself where there is only one emitter, which spares virtual calls
+        emitter = lights.emitters[0] if lights.alone else dr.gather(mi.EmitterPtr, lights.pointers, l, active)
+        if lights.parts is None:
+            ds, weight = emitter.sample_direction(self.si, u, active)
+        elif lights.alone:
+            ds, weight = lights.parts.sample(self.si, emitter, l, u, active)
+        else:
+            part = dr.gather(mi.UInt32, lights.parts.count, l, active) > 0
+            ds, weight = emitter.sample_direction(self.si, u, active & ~part)
+            other, brightness = lights.parts.sample(self.si, emitter, l, u, active & part)
+            ds, weight = dr.select(part, other, ds), dr.select(part, brightness, weight)
+        ds.p = lights.end(ds, emitter, self.si.p)
         return ds, weight
-
-
-class Rectangle:
-    """A constant rectangle light over a Lambertian point: every integrand is ``radiance × scalar``."""
-
-    def __init__(self, surface: Surface):
-        corners, normal, emitter = surface.shading.lights.rectangle
-        opaque = lambda v: [dr.opaque(mi.Float, float(x)) for x in v]  # noqa: E731
-        self.corners = [mi.Point3f(opaque(c)) for c in corners]
-        self.first, self.second = mi.Vector3f(opaque(corners[1] - corners[0])), mi.Vector3f(opaque(corners[3] - corners[0]))
-        self.normal, self.area = mi.Vector3f(opaque(normal)), dr.norm(dr.cross(self.first, self.second))
-        self.p, self.n = surface.si.p, surface.si.sh_frame.n * surface.side
-        self.active = surface.active & (dr.dot(self.p - self.corners[0], self.normal) > 0)
-        si = dr.zeros(mi.SurfaceInteraction3f)
-        si.wi = mi.Vector3f(0, 0, 1)
-        self.radiance = surface.albedo * emitter.eval(si)
-
-    def point(self, u):
-        """Point of the light at unit-square coordinates."""
-        return self.corners[0] + self.first * u.x + self.second * u.y
-
-    def geometry(self, y):
-        """Cosines over squared distance, times area: the integrand over the unit square."""
-        d = y - self.p
-        d2 = dr.squared_norm(d)
-        g = dr.maximum(dr.dot(d, self.n), 0) * dr.maximum(-dr.dot(d, self.normal), 0) * self.area
-        return dr.select(self.active & (d2 > 0), g / dr.square(d2), 0)
-
-    def unshadowed(self):
-        """Integral of the geometry term over the light, in closed form."""
-        return dr.select(self.active, polygon_irradiance(self.p, self.n, self.corners), 0)
-
-
-@dr.syntax
-def rectangle_light(surface: Surface, guess, mask, mean, rays, s, s0, s1, refine, proven):
-    """Estimate a rectangle light at a Lambertian hit, around its closed form; arguments as in `single_light`.
-
-    ``mean`` is the mean guess over the light. The control is ``g_c ρ``: its mean part is known exactly from the closed
-    form, the rest is summed over the cells. Where visibility is ``proven`` the closed form is all; the rays that were
-    not traced are returned too.
-    """
-    light = surface.rectangle()
-    full, traced, spared = light.unshadowed(), mi.UInt32(0), mi.UInt32(0)
-    if dr.hint(not refine, mode="scalar"):
-        spared = dr.select(proven, rays, 0)
-        mean, rays = dr.select(proven, 1, mean), dr.select(proven, 0, rays)
-    value = full * mean
-    if dr.hint(refine, mode="scalar"):
-        jitter = net_2d(s, s1, s0)
-        c, rest = mi.UInt32(0), mi.Float(0)
-        while c < 16:
-            v = mi.Point2f((mi.Float(c & 3) + jitter.x) * 0.25, (mi.Float(c >> 2) + jitter.y) * 0.25)
-            rest += light.geometry(light.point(v)) * (cells.fraction(guess, c) - mean)
-            c += 1
-        value += rest * mi.Float(1 / 16)
-    r, acc, odd = mi.UInt32(0), mi.Float(0), turn(s, rays)
-    while r < rays:
-        u = net_2d(s * rays + (r ^ odd), s0, s1)
-        density, g = mi.Float(1), mi.Float(mean)
-        if dr.hint(refine, mode="scalar"):
-            cell, u, density = cells.sample(mask, u, mi.Float(FLOOR))
-            g = cells.fraction(guess, cell)
-        y = light.point(u)
-        rho = light.geometry(y)
-        useful = rho > 0
-        lit = surface.visible(y, useful)
-        acc += rho * (dr.select(lit, mi.Float(1), mi.Float(0)) - g) / density
-        traced += dr.select(useful, mi.UInt32(1), mi.UInt32(0))
-        r += 1
-    return light.radiance * (value + acc / mi.Float(dr.maximum(rays, 1))), light.radiance * full, traced, spared
 
 
 @dr.syntax
@@ -258,7 +196,7 @@ def single_light(surface: Surface, guess, mask, rays, s, s0, s1, refine):
     traced : mi.UInt32
         Shadow rays traced.
     """
-    emitter = surface.shading.lights.emitters[0]
+    l = mi.UInt32(0)
     value, bright, traced = mi.Spectrum(0), mi.Spectrum(0), mi.UInt32(0)
     active = mi.Bool(surface.active)
 
@@ -268,7 +206,7 @@ def single_light(surface: Surface, guess, mask, rays, s, s0, s1, refine):
         c, stop = mi.UInt32(0), dr.select(active, mi.UInt32(16), mi.UInt32(0))
         while c < stop:
             v = mi.Point2f((mi.Float(c & 3) + jitter.x) * 0.25, (mi.Float(c >> 2) + jitter.y) * 0.25)
-            ds, weight = surface.emitter_sample(emitter, v, active)
+            ds, weight = surface.light_sample(l, v, active)
             rho, useful = surface.integrand(ds, weight, mi.Float(1), active)
             value += rho * (cells.fraction(guess, c) * mi.Float(1 / 16))
             c += 1
@@ -281,7 +219,7 @@ def single_light(surface: Surface, guess, mask, rays, s, s0, s1, refine):
         if dr.hint(refine, mode="scalar"):
             cell, u, density = cells.sample(mask, u, mi.Float(FLOOR))
             g = cells.fraction(guess, cell)
-        ds, weight = surface.emitter_sample(emitter, u, active)
+        ds, weight = surface.light_sample(l, u, active)
         rho, useful = surface.integrand(ds, weight, density, active)
         lit = surface.visible(ds.p, useful)
         acc += rho * (dr.select(lit, mi.Float(1), mi.Float(0)) - g)
@@ -340,7 +278,7 @@ def several_lights(surface: Surface, trust, rays, s, keys):
             weight = surface.importance(l) * trust(l)
         chance = weight / total
         u.x = dr.clip((target - before) / dr.maximum(weight, 1e-30), 0, 1 - 2**-20)
-        ds, w = surface.emitter_sample(surface.emitter(l, active), u, active & (chance > 0))
+        ds, w = surface.light_sample(l, u, active & (chance > 0))
         rho, useful = surface.integrand(ds, w, chance, active & (chance > 0))
         lit = surface.visible(ds.p, useful)
         bright += rho

@@ -91,7 +91,7 @@ def test_seeds_are_deterministic_and_distinct():
 
 
 def irradiance(p, n, corners):
-    from intervis.integrators.lights import polygon_irradiance
+    from intervis.integrators.rectangle import polygon_irradiance
 
     corners = [mi.Point3f(*map(float, c)) for c in corners]
     return float(polygon_irradiance(mi.Point3f(*map(float, p)), mi.Vector3f(*map(float, n)), corners)[0])
