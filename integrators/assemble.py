@@ -256,7 +256,7 @@ class Totals:
         d = self.decision
         planned = total(d.hits * d.rays) if shading.lights.count else 0
         rays = {
-            "camera": total(d.hits) + self.frame.pixels,
+            "camera": total(d.hits) + self.frame.pixels * (1 + (self.pilot.probe_bright is not None)),
             "pilot": total(self.pilot.traced),
             "refinement": total(self.traced),
             "bsdf": total(self.reflected) + total(self.pilot.reflected),

@@ -11,7 +11,8 @@ from ..visibility import VisibilityClass, classify_grid
 from . import cells
 
 PILOT = 4.0  # how much more one full hit is worth than the pilot's
-EXPONENT = 0.8  # hits ∝ (expected relative error)^EXPONENT: below Neyman's 1, as errors fall faster than N^-1/2
+EXPONENT = 0.75  # hits ∝ (expected relative error)^EXPONENT: below Neyman's 1, as errors fall faster than N^-1/2
+LEAST = 1 / 64  # hits a pixel, however sure of it its neighbours are, as a share of the rays a pixel
 PRIOR = 0.015  # doubt about a cell that looked decided: share of the light that the pilots may have missed
 HIT_COST = 8.0  # cost of a camera hit in shadow rays
 SMOOTH = 0.3  # where nothing is in the way, light samples vary smoothly: nets leave less of their noise than a ray suggests
@@ -93,7 +94,16 @@ def decide(pilot, frame, classifier: str, grid: int, named: bool, refinement: bo
     flat = [pilot.noise + 0 * b, dr.select(pilot.proven > 0, mi.Float(1), mi.Float(0)) + 0 * b]
     sums = cells.neighbor_sum([b, b * b, e, e * e, b * e, *flat, one], frame.width, frame.height)
     count = dr.maximum(sums[7], 1)
-    b1, b2, e1, e2, be, noise, proven = (s / count for s in sums[:7])
+    noise, proven = (s / count for s in sums[5:7])
+    moments = sums[:5]
+    if pilot.probe_bright is not None:
+        # The probes are in no estimate: a pixel may look at its own
+        b, e = pilot.probe_bright, pilot.probe_emission
+        probes = [b, b * b, e, e * e, b * e, one]
+        near = cells.neighbor_sum(probes, frame.width, frame.height)
+        moments = [s + t + u for s, t, u in zip(moments, near, probes, strict=False)]
+        count += near[5] + 1
+    b1, b2, e1, e2, be = (s / count for s in moments)
     # Neighbours' light is scaled by this pixel's guess: theirs would carry this pixel's own rays back to it
     level = b1 * mean + e1
     # What the light samples inside a hit add to those differences is noise that more rays a hit reduce
@@ -126,12 +136,13 @@ def allocate(decision, frame, seed, budget: float, max_rays: int, pilot_rays: in
     # The scale stays opaque: as a literal it would make a new kernel of every render
     scale = dr.opaque(mi.Float, float(budget / max(dr.sum(share * cost)[0], 1e-20)))
     # Pixels at their limit hand on what they cannot use
+    least = dr.opaque(mi.Float, budget / frame.pixels * LEAST)
     for _ in range(4):
-        spent = float(dr.sum(dr.minimum(share * scale, most) * cost)[0])
+        spent = float(dr.sum(dr.minimum(dr.maximum(share * scale, least), most) * cost)[0])
         if spent <= 0 or spent >= 0.995 * budget:
             break
         scale = dr.opaque(mi.Float, scale[0] * min(budget / spent, 4.0))
-    wanted = dr.minimum(share * scale, most)
+    wanted = dr.minimum(dr.maximum(share * scale, least), most)
     jitter = mi.sample_tea_float32(dr.arange(mi.UInt32, frame.pixels), ~seed, 4)
     # Powers of two, where the points form nets: the two nearest are mixed so that the expected number is as wanted
     low = dr.select(wanted >= 1, dr.exp2(dr.floor(dr.log2(dr.maximum(wanted, 1)))), 0)

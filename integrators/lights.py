@@ -12,6 +12,7 @@ import numpy as np
 from .meshlight import LEVELS, Parts, groups, triangles
 from .rectangle import rectangle_of, uniform
 
+CLOSE = 0.35  # distance to a light, over its radius, below which light samples alone may be too bright: they go as 1/d²
 COUNTED_LIGHTS = 16  # with more lights than this, their visibility is not told apart
 _REFERENCE_SAMPLES = 256
 # Farther than any scene, with a square that float32 still holds
@@ -35,6 +36,8 @@ class Lights:
         side's normal of planar lights, the mean normal of parts of a mesh, or zero, and its length; a bound-like brightness
         (radiance times area for area lights, intensity for points, irradiance at infinity); cosine and sine of the angle
         around that normal in which all normals lie (cosine 1 but for parts of a mesh; -1 if it is too wide); zero.
+    touched : bool
+        Some surface may be close to an area light.
     rectangle : tuple or None
         Corners, normal and constant radiance spectrum source if the only light is a plain rectangle.
     parts : Parts or None
@@ -51,6 +54,7 @@ class Lights:
     emitters: list
     pointers: object = None
     table: object = None
+    touched: bool = False
     rectangle: tuple | None = None
     parts: object = None
     numbers: object = None
@@ -246,6 +250,7 @@ def _arrays(scene, emitters, rectangle, owner, rows, pieces, faces, start) -> Li
         emitters=[emitters[k] for k in owner],
         pointers=dr.gather(mi.EmitterPtr, pointers, mi.UInt32(owner)),
         table=mi.Float(packed.ravel()),
+        touched=_touched(scene, table),
         rectangle=rectangle if len(owner) == 1 else None,
         parts=parts,
         numbers=_numbers(pointers),
@@ -254,6 +259,42 @@ def _arrays(scene, emitters, rectangle, owner, rows, pieces, faces, start) -> Li
         faces=mi.UInt32([len(f) for f in faces]),
         groups=mi.UInt32(np.concatenate([*faces, [0]])),
     )
+
+
+def _touched(scene, table: np.ndarray) -> bool:
+    """Whether the box of any shape comes close to an area light, and is not wholly behind it if that is planar.
+
+    Parameters
+    ----------
+    table : ndarray, shape (lights, 9)
+        Centre, normal, cosine of the normals' cone, radius and brightness.
+    """
+    boxes = [(np.array(s.bbox().min).ravel(), np.array(s.bbox().max).ravel()) for s in scene.shapes() if s.bbox().valid()]
+    if not boxes:
+        return False
+    low, high = (np.array(b, dtype=np.float64) for b in zip(*boxes, strict=True))
+    for centre, normal, cone, r in zip(table[:, :3], table[:, 3:6], table[:, 6], table[:, 7], strict=True):
+        if r <= 0:
+            continue
+        away = np.linalg.norm(np.maximum(np.maximum(low - centre, centre - high), 0), axis=1)
+        # The farthest that a box reaches to the emitting side
+        ahead = np.maximum((low - centre) * normal, (high - centre) * normal).sum(axis=1)
+        if ((away < (1 + CLOSE) * r) & ((cone < 1) | (ahead > 1e-3 * r))).any():
+            return True
+    return False
+
+
+def close(lights: Lights, index, p):
+    """Where light ``index`` is so close to a point, for its size, that light samples alone are too noisy."""
+    a, b = (dr.gather(mi.Vector4f, lights.table, 3 * index + k) for k in range(2))
+    cone = dr.gather(mi.Vector4f, lights.table, 3 * index + 2).y
+    r, d = a.w, mi.Vector3f(a.x, a.y, a.z) - p
+    # Distance to the disk around a planar light, to the sphere around others
+    above = dr.dot(d, mi.Vector3f(b.x, b.y, b.z))
+    beside = dr.sqrt(dr.maximum(dr.squared_norm(d) - above * above, 0))
+    disk = dr.square(above) + dr.square(dr.maximum(beside - r, 0))
+    ball = dr.square(dr.maximum(dr.norm(d) - r, 0))
+    return (r > 0) & (dr.select((b.w > 0) & (cone >= 1), disk, ball) < dr.square(CLOSE * r))
 
 
 def importance(lights: Lights, index, p, n, transmits):

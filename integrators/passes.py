@@ -36,6 +36,8 @@ class Pilot:
     traced: object  # mi.UInt32, shadow rays
     reflected: object  # mi.UInt32, rays by BSDF sampling
     proven: object  # mi.Float, radius within which of `point` nothing can stand before the light; 0 where unknown
+    probe_bright: object = None  # mi.Float, luminance of `bright` at another hit of the pixel, for decisions only
+    probe_emission: object = None  # mi.Float
 
 
 def to_rgb(value, wavelengths):
@@ -94,8 +96,8 @@ def _reflected(shading: Shading, surface: Surface, s, keys, rays, trust, total):
 
 
 @dr.syntax
-def pilot(shading: Shading, frame: Frame, seed, rays: int) -> Pilot:
-    """One camera hit and ``rays`` light samples a pixel."""
+def pilot(shading: Shading, frame: Frame, seed, rays: int, probe: bool) -> Pilot:
+    """One camera hit and ``rays`` light samples a pixel; and, to ``probe``, another hit without shadow rays."""
     index = dr.arange(mi.UInt32, frame.pixels)
     keys = scramble(index, seed, 0)
     s, count = mi.UInt32(0), dr.opaque(mi.UInt32, rays)
@@ -157,16 +159,17 @@ def pilot(shading: Shading, frame: Frame, seed, rays: int) -> Pilot:
     if dr.hint(shading.closed, mode="scalar"):
         light = surface.rectangle()
         bright = light.radiance * light.unshadowed()
-        control = bright - all_sum
+        control = dr.select(surface.follow, 0, bright - all_sum)
     elif dr.hint(rays > 1, mode="scalar"):
         # How much light samples differ inside one hit; a closed form has no such noise
         noise = squares * scale - dr.square(mi.luminance(to_rgb(all_sum * weight, ray.wavelengths)))
         noise = dr.maximum(noise, 0) * mi.Float(rays / (rays - 1))
     reflected = mi.UInt32(0)
-    if dr.hint(lights.count > 0 and not shading.lambert, mode="scalar"):
+    if dr.hint(lights.count > 0 and shading.follows, mode="scalar"):
         extra, reflected = _reflected(shading, surface, s, keys, count, lambda l: mi.Float(1), total)
         lit_sum += extra
-        bright += extra
+        if dr.hint(not shading.closed, mode="scalar"):
+            bright += extra
     if dr.hint(shading.depth != 2, mode="scalar"):
         emission += indirect(shading, si, seed, index, s, mi.UInt32(0))
     lam = ray.wavelengths
@@ -187,7 +190,28 @@ def pilot(shading: Shading, frame: Frame, seed, rays: int) -> Pilot:
         traced,
         reflected,
         dr.select(proven, radius, 0),
+        *(_probe(shading, frame, seed, index, count) if probe else ()),
     )
+
+
+def _probe(shading: Shading, frame: Frame, seed, index, rays):
+    """Unshadowed light and emission of another hit a pixel, whose luminance tells of edges inside the pixel."""
+    keys = scramble(index, seed, 2)
+    s = mi.UInt32(0)
+    ray, si, emission, weight, _ = first_hit(shading, frame, frame.corner(index), s, keys)
+    surface = Surface(shading, si, si.is_valid(), rays)
+    surface.blind = True
+    full, total = mi.Spectrum(0), mi.Float(0)
+    if shading.closed:
+        light = surface.rectangle()
+        full = light.radiance * light.unshadowed()
+    elif shading.lights.count == 1:
+        full = single_light(surface, mi.UInt64(0), mi.UInt32(0), rays, s, keys[8], keys[9], False)[1]
+    elif shading.lights.count:
+        _, full, _, total = several_lights(surface, lambda l: mi.Float(1), rays, s, [keys[8], keys[9]])
+    if shading.lights.count and shading.follows and not shading.closed:
+        full += _reflected(shading, surface, s, keys, rays, lambda l: mi.Float(1), total)[0]
+    return (mi.luminance(to_rgb(x * weight, ray.wavelengths)) for x in (full, emission))
 
 
 def _footprint(frame: Frame, position, si):
@@ -257,14 +281,14 @@ def spend(shading: Shading, frame: Frame, seed, index, s, look: Pilot, decision,
         traced = mi.UInt32(0)
     elif dr.hint(shading.closed, mode="scalar"):
         value, full, traced, spared = rectangle_light(
-            surface, guess, mask, mean, rays, s, keys[8], keys[9], refine, _proven(shading, look, index, surface)
+            surface, guess, mask, mean, rays, s, keys, refine, _proven(shading, look, index, surface)
         )
     elif dr.hint(shading.lights.count == 1, mode="scalar"):
         value, full, traced = single_light(surface, guess, mask, rays, s, keys[8], keys[9], refine)
     else:
         value, full, traced, total = several_lights(surface, trust, rays, s, [keys[8], keys[9]])
     reflected = mi.UInt32(0)
-    if dr.hint(shading.lights.count > 0 and not shading.lambert, mode="scalar"):
+    if dr.hint(shading.lights.count > 0 and shading.follows and not shading.closed, mode="scalar"):
         extra, reflected = _reflected(shading, surface, s, keys, rays, trust, total)
         value += extra
         full += extra

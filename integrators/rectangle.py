@@ -8,7 +8,7 @@ import numpy as np
 
 from . import cells
 from .order import turn
-from .points import net_2d
+from .points import net_2d, shuffle
 
 FLOOR = 0.08  # sampling weight of a decided light cell, next to 1 for an undecided one
 
@@ -128,19 +128,32 @@ class Rectangle:
         g = dr.maximum(dr.dot(d, self.n), 0) * dr.maximum(-dr.dot(d, self.normal), 0) * self.area
         return dr.select(self.active & (d2 > 0), g / dr.square(d2), 0)
 
+    def reached(self, u):
+        """Where a direction chosen in proportion to its cosine meets the light, and whether it does."""
+        d = mi.Frame3f(self.n).to_world(mi.warp.square_to_cosine_hemisphere(u))
+        along = dr.dot(d, self.normal)
+        y = self.p + d * (dr.dot(self.corners[0] - self.p, self.normal) / along)
+        # Coordinates along both sides, which need not be at right angles
+        q, a, b = y - self.corners[0], self.first, self.second
+        ab, scale = dr.dot(a, b), dr.rcp(dr.squared_norm(dr.cross(a, b)))
+        v = (dr.squared_norm(b) * dr.dot(q, a) - ab * dr.dot(q, b)) * scale
+        w = (dr.squared_norm(a) * dr.dot(q, b) - ab * dr.dot(q, a)) * scale
+        return y, self.active & (along < 0) & (v >= 0) & (v <= 1) & (w >= 0) & (w <= 1)
+
     def unshadowed(self):
         """Integral of the geometry term over the light, in closed form."""
         return dr.select(self.active, polygon_irradiance(self.p, self.n, self.corners), 0)
 
 
 @dr.syntax
-def rectangle_light(surface, guess, mask, mean, rays, s, s0, s1, refine, proven):
+def rectangle_light(surface, guess, mask, mean, rays, s, keys, refine, proven):
     """Estimate a rectangle light at a Lambertian hit, around its closed form; arguments as in `shading.single_light`.
 
     ``mean`` is the mean guess over the light. The control is ``g_c ρ``: its mean part is known exactly from the closed
     form, the rest is summed over the cells. Where visibility is ``proven`` the closed form is all; the rays that were
     not traced are returned too.
     """
+    s0, s1 = keys[8], keys[9]
     light = surface.rectangle()
     full, traced, spared = light.unshadowed(), mi.UInt32(0), mi.UInt32(0)
     if dr.hint(not refine, mode="scalar"):
@@ -166,7 +179,19 @@ def rectangle_light(surface, guess, mask, mean, rays, s, s0, s1, refine, proven)
         rho = light.geometry(y)
         useful = rho > 0
         lit = surface.visible(y, useful)
-        acc += rho * (dr.select(lit, mi.Float(1), mi.Float(0)) - g) / density
+        term = rho * (dr.select(lit, mi.Float(1), mi.Float(0)) - g) / density
+        if dr.hint(surface.shading.follows and not refine, mode="scalar"):
+            # Close to the light: balance heuristic against one direction chosen by its cosine
+            term *= dr.select(surface.follow, mi.Float(rays) / (mi.Float(rays) + rho * dr.inv_pi / density), 1)
+        acc += term
         traced += dr.select(useful, mi.UInt32(1), mi.UInt32(0))
         r += 1
+    if dr.hint(surface.shading.follows and not refine, mode="scalar"):
+        y, meets = light.reached(net_2d(shuffle(s, keys[11]), keys[10], keys[6]))
+        meets &= surface.follow & (rays > 0)
+        lit = surface.visible(y, meets)
+        chance = light.geometry(y) * dr.inv_pi
+        term = (dr.select(lit, mi.Float(1), mi.Float(0)) - mean) * dr.pi * chance / (chance + mi.Float(rays))
+        acc += dr.select(meets, term, 0) * mi.Float(rays)
+        traced += dr.select(meets, mi.UInt32(1), mi.UInt32(0))
     return light.radiance * (value + acc / mi.Float(dr.maximum(rays, 1))), light.radiance * full, traced, spared

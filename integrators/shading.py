@@ -18,7 +18,7 @@ import drjit as dr
 import mitsuba as mi
 
 from . import cells
-from .lights import Lights, collect, importance
+from .lights import Lights, close, collect, importance
 from .order import turn
 from .points import net_2d
 from .proof import collect_blockers
@@ -39,6 +39,8 @@ class Shading:
         The only light is a constant rectangle and every surface Lambertian: unshadowed light has a closed form.
     blockers : Blockers or None
         What may stand before that rectangle, if it is simple enough to tell where nothing does.
+    follows : bool
+        BSDF samples are needed next to light samples: a surface is glossy, or may be close to a light.
     integrator : mi.Integrator
     grid : int
         Light cells along each side.
@@ -53,6 +55,7 @@ class Shading:
     lambert: bool
     closed: bool
     blockers: object = None
+    follows: bool = False
     integrator: object = None
     grid: int = 4
     depth: int = 2
@@ -73,7 +76,7 @@ def prepare(scene) -> Shading:
     lambert = all(b is not None and _is_lambertian(b) for b in bsdfs)
     closed = lambert and lights.rectangle is not None and not mi.is_spectral
     blockers = collect_blockers(scene, lights.emitters[0]) if closed else None
-    return Shading(scene, lights, lambert, closed, blockers)
+    return Shading(scene, lights, lambert, closed, blockers, not lambert or lights.touched)
 
 
 def _lambert(si, bsdf, active):
@@ -84,22 +87,36 @@ def _lambert(si, bsdf, active):
     return bsdf.eval_diffuse_reflectance(si, active) * dr.inv_pi, side
 
 
+@dr.syntax
+def _any_close(lights: Lights, p):
+    l, found, count = mi.UInt32(0), mi.Bool(False), dr.opaque(mi.UInt32, lights.count)
+    while (l < count) & ~found:
+        found |= close(lights, l, p)
+        l += 1
+    return found
+
+
 class Surface:
     """A shading point, ready to be asked for the unshadowed integrand of a light sample."""
 
     def __init__(self, shading: Shading, si, active, mis_samples=0):
         self.shading, self.si = shading, si
+        self.blind = False  # trace no shadow rays
         self.bsdf = si.bsdf()
         self.rays_per_hit = mi.Float(mis_samples)
         if shading.lambert:
             self.albedo, self.side = _lambert(si, self.bsdf, active)
             self.active = active & (self.side != 0)
-            self.specular, self.transmits = mi.Bool(False), mi.Bool(False)
+            self.follow, self.transmits = mi.Bool(False), mi.Bool(False)
+            self.specular = self.follow
         else:
             flags = self.bsdf.flags()
             self.active = active & mi.has_flag(flags, mi.BSDFFlags.Smooth)
             self.transmits = mi.has_flag(flags, mi.BSDFFlags.Transmission)
             self.specular = active & (mi.has_flag(flags, mi.BSDFFlags.Glossy) | mi.has_flag(flags, mi.BSDFFlags.Delta))
+            self.follow = self.specular
+        if shading.lights.touched:
+            self.follow = self.follow | (self.active & _any_close(shading.lights, si.p))
 
     def facing(self):
         """Shading normal on the viewer's side."""
@@ -109,12 +126,14 @@ class Surface:
         """Unshadowed integrand over density, and where it can be non-zero."""
         wo = self.si.to_local(ds.d)
         if self.shading.lambert:
-            f = self.albedo * dr.maximum(wo.z * self.side, 0)
+            cos = dr.maximum(wo.z * self.side, 0)
+            f, pdf = self.albedo * cos, cos * dr.inv_pi
         else:
             f, pdf = self.bsdf.eval_pdf(mi.BSDFContext(), self.si, wo, active)
+        if self.shading.follows:
             # Balance heuristic against one BSDF sample a hit; points and directions cannot be hit by chance
             p = self.rays_per_hit * probability * ds.pdf
-            f *= dr.select(ds.delta | ~self.specular, 1.0, p / dr.maximum(p + pdf, 1e-30))
+            f *= dr.select(ds.delta | ~self.follow, 1.0, p / dr.maximum(p + pdf, 1e-30))
         rho = f * weight / probability
         active = active & (ds.pdf > 0) & dr.any(rho != 0)
         return dr.select(active & dr.all(dr.isfinite(rho)), rho, 0), active
@@ -125,14 +144,14 @@ class Surface:
 
     def visible(self, p, active):
         """Trace a shadow ray to a point."""
-        return active & ~self.shading.scene.ray_test(self.si.spawn_ray_to(p), active)
+        return active if self.blind else active & ~self.shading.scene.ray_test(self.si.spawn_ray_to(p), active)
 
     @dr.syntax
     def reflect(self, s1, s2):
         """Follow one BSDF sample to a light: its weighted radiance, the light's number, and both densities."""
         scene, si = self.shading.scene, self.si
-        sample, weight = self.bsdf.sample(mi.BSDFContext(), si, s1, s2, self.specular)
-        active = self.specular & dr.any(weight != 0)
+        sample, weight = self.bsdf.sample(mi.BSDFContext(), si, s1, s2, self.follow)
+        active = self.follow & dr.any(weight != 0)
         next_si = scene.ray_intersect(si.spawn_ray(si.to_world(sample.wo)), active)
         emitter = next_si.emitter(scene, active)
         ds = mi.DirectionSample3f(scene, next_si, si)

@@ -17,6 +17,7 @@ from .decide import allocate, decide
 from .shading import prepare
 
 CLASSIFIERS = ("mlp", "svm", "threshold")
+PROBED = 4  # samples a pixel from which a second hit is looked at
 AOVS = ["visibility.class", "visibility.fraction", "rays.shadow", "error.R", "error.G", "error.B"]
 
 
@@ -119,14 +120,15 @@ def define(base):
 
             # Look: one hit and up to four shadow rays a pixel, within a small share of the budget
             pilot_rays = 0 if not shading.lights.count else min(4, 2 * spp - 1, self.max_rays)
-            look = passes.pilot(shading, frame, seed, max(pilot_rays, 1))
+            probe = spp >= PROBED and shading.lights.count > 0
+            look = passes.pilot(shading, frame, seed, max(pilot_rays, 1), probe)
             dr.eval(vars(look))
             clock.lap("pilot")
 
             # Decide
             decision = decide(look, frame, self.classifier, self.grid, self.aovs, self.refine and shading.lambert)
             dr.eval(vars(decision))
-            budget = frame.pixels * max(2 * spp - 1 - pilot_rays, 0) if shading.lights.count else 0
+            budget = frame.pixels * max(2 * spp - 1 - pilot_rays - probe, 0) if shading.lights.count else 0
             most = self.max_rays if self.limited else max(self.max_rays, 32 * spp)
             allocate(decision, frame, seed, budget, most, pilot_rays, self.threshold)
             dr.eval(decision.hits, decision.pilot_weight)
