@@ -19,7 +19,7 @@ def pilot_and_frame(name):
     scene = mi.load_dict(scenes.load(name, width=WIDTH, height=HEIGHT))
     shading, frame = prepare(scene), Frame(scene.sensors()[0])
     shading.integrator = mi.load_dict({"type": "visdirect"})
-    return passes.pilot(shading, frame, mi.UInt32(5), 4), frame
+    return passes.pilot(shading, frame, mi.UInt32(5), 4, True), frame
 
 
 def decision_of(pilot, frame):
