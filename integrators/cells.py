@@ -27,6 +27,15 @@ def count(words: list, bin_index, active) -> list:
     return [w + dr.select(active & (which == i), one, mi.UInt64(0)) for i, w in enumerate(words)]
 
 
+def sure(words: list, active, grid: int, rays: int) -> list:
+    """Add one to ``rays`` bins along the diagonal of the grid where ``active``: a light known to be visible all over."""
+    one = [0] * len(words)
+    for k in range(rays):
+        cell = 5 * (k % grid)
+        one[cell >> 3] += 1 << (8 * (cell & 7))
+    return [w + dr.select(active, mi.UInt64(o), mi.UInt64(0)) for w, o in zip(words, one, strict=True)]
+
+
 def read(words: list, bin_index: int):
     """Return the counter of a (Python integer) bin as ``mi.UInt32``."""
     return mi.UInt32((words[bin_index >> 3] >> (8 * (bin_index & 7))) & 255)

@@ -121,6 +121,7 @@ def pilot(shading: Shading, frame: Frame, seed, rays: int, probe: bool) -> Pilot
     if shading.blockers is not None:
         radius = _footprint(frame, position, si)
         proven = unobstructed(shading.blockers, surface.rectangle(), radius, active)
+    unsure = active & ~proven
 
     seen, tried = cells.empty(16), cells.empty(16)
     light_seen, light_tried = cells.empty(16), cells.empty(16)
@@ -129,7 +130,7 @@ def pilot(shading: Shading, frame: Frame, seed, rays: int, probe: bool) -> Pilot
     if dr.hint(several, mode="scalar"):
         weight_l = surface.importance(l)
     if dr.hint(lights.count > 0, mode="scalar"):
-        while active & (r < count):
+        while unsure & (r < count):
             u = net_2d(r, keys[8], keys[9])
             if dr.hint(several, mode="scalar"):
                 salt = r * mi.UInt32(0x9E3779B9)
@@ -143,7 +144,7 @@ def pilot(shading: Shading, frame: Frame, seed, rays: int, probe: bool) -> Pilot
                 u.x = dr.clip((target - before) / dr.maximum(weight_l, 1e-30), 0, 1 - 2**-20)
             ds, w = surface.light_sample(l, u, active & (chance > 0))
             rho, useful = surface.integrand(ds, w, chance, active & (chance > 0))
-            lit = (useful & proven) | surface.visible(ds.p, useful & ~proven)
+            lit = surface.visible(ds.p, useful)
             cell = mi.UInt32(u.y * grid) * 4 + mi.UInt32(u.x * grid)
             tried, seen = cells.count(tried, cell, useful), cells.count(seen, cell, lit)
             if dr.hint(several, mode="scalar"):
@@ -151,8 +152,10 @@ def pilot(shading: Shading, frame: Frame, seed, rays: int, probe: bool) -> Pilot
             all_sum += rho
             squares += dr.square(mi.luminance(to_rgb(rho * weight, ray.wavelengths)))
             lit_sum += dr.select(lit, rho, 0)
-            traced += dr.select(useful & ~proven, mi.UInt32(1), mi.UInt32(0))
+            traced += dr.select(useful, mi.UInt32(1), mi.UInt32(0))
             r += 1
+    if dr.hint(shading.blockers is not None, mode="scalar"):
+        tried, seen = (cells.sure(words, proven, shading.grid, rays) for words in (tried, seen))
     scale = mi.Float(1) / mi.Float(count)
     all_sum, lit_sum = all_sum * scale, lit_sum * scale
     control, bright, noise = mi.Spectrum(0), mi.Spectrum(all_sum), mi.Float(0)
@@ -170,6 +173,8 @@ def pilot(shading: Shading, frame: Frame, seed, rays: int, probe: bool) -> Pilot
         lit_sum += extra
         if dr.hint(not shading.closed, mode="scalar"):
             bright += extra
+    if dr.hint(shading.closed, mode="scalar"):
+        lit_sum, control = dr.select(proven, bright, lit_sum), dr.select(proven, 0, control)
     if dr.hint(shading.depth != 2, mode="scalar"):
         emission += indirect(shading, si, seed, index, s, mi.UInt32(0))
     lam = ray.wavelengths
