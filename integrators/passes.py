@@ -80,10 +80,10 @@ def _trusting(shading: Shading, seen: list, tried: list):
     return trust
 
 
-def _reflected(shading: Shading, surface: Surface, s, keys, rays, trust, total):
-    """Light found by following one BSDF sample, weighted against the light samples."""
+def _reflected(shading: Shading, surface: Surface, s, keys, rays, trust, total, active=True):
+    """Light found by following one BSDF sample where it is wanted, weighted against the light samples."""
     value, l, pdf, density, traced = surface.reflect(
-        net_1d(shuffle(s, keys[10]), keys[11]), net_2d(shuffle(s, keys[11]), keys[10], keys[6])
+        net_1d(shuffle(s, keys[10]), keys[11]), net_2d(shuffle(s, keys[11]), keys[10], keys[6]), surface.follow & active
     )
     chance = mi.Float(1)
     if shading.lights.count > 1:
@@ -159,11 +159,7 @@ def pilot(shading: Shading, frame: Frame, seed, rays: int, probe: bool) -> Pilot
     scale = mi.Float(1) / mi.Float(count)
     all_sum, lit_sum = all_sum * scale, lit_sum * scale
     control, bright, noise = mi.Spectrum(0), mi.Spectrum(all_sum), mi.Float(0)
-    if dr.hint(shading.closed, mode="scalar"):
-        light = surface.rectangle()
-        bright = light.radiance * light.unshadowed()
-        control = dr.select(surface.follow, 0, bright - all_sum)
-    elif dr.hint(rays > 1, mode="scalar"):
+    if dr.hint(rays > 1 and not (shading.closed and shading.lambert), mode="scalar"):
         # How much light samples differ inside one hit; a closed form has no such noise
         noise = squares * scale - dr.square(mi.luminance(to_rgb(all_sum * weight, ray.wavelengths)))
         noise = dr.maximum(noise, 0) * mi.Float(rays / (rays - 1))
@@ -171,10 +167,13 @@ def pilot(shading: Shading, frame: Frame, seed, rays: int, probe: bool) -> Pilot
     if dr.hint(lights.count > 0 and shading.follows, mode="scalar"):
         extra, reflected = _reflected(shading, surface, s, keys, count, lambda l: mi.Float(1), total)
         lit_sum += extra
-        if dr.hint(not shading.closed, mode="scalar"):
-            bright += extra
+        bright += extra
     if dr.hint(shading.closed, mode="scalar"):
-        lit_sum, control = dr.select(proven, bright, lit_sum), dr.select(proven, 0, control)
+        light, plain = surface.rectangle(), surface.plain
+        whole = light.radiance * light.unshadowed()
+        control = dr.select(plain & ~surface.follow & ~proven, whole - all_sum, 0)
+        bright, noise = dr.select(plain, whole, bright), dr.select(plain, 0, noise)
+        lit_sum = dr.select(proven, whole, lit_sum)
     if dr.hint(shading.depth != 2, mode="scalar"):
         emission += indirect(shading, si, seed, index, s, mi.UInt32(0))
     lam = ray.wavelengths
@@ -207,15 +206,15 @@ def _probe(shading: Shading, frame: Frame, seed, index, rays):
     surface = Surface(shading, si, si.is_valid(), rays)
     surface.blind = True
     full, total = mi.Spectrum(0), mi.Float(0)
+    if shading.lights.count == 1 and not (shading.closed and shading.lambert):
+        full = single_light(surface, mi.UInt64(0), mi.UInt32(0), rays, s, keys[8], keys[9], False)[1]
+    elif shading.lights.count > 1:
+        _, full, _, total = several_lights(surface, lambda l: mi.Float(1), rays, s, [keys[8], keys[9]])
+    if shading.lights.count and shading.follows and not (shading.closed and shading.lambert):
+        full += _reflected(shading, surface, s, keys, rays, lambda l: mi.Float(1), total)[0]
     if shading.closed:
         light = surface.rectangle()
-        full = light.radiance * light.unshadowed()
-    elif shading.lights.count == 1:
-        full = single_light(surface, mi.UInt64(0), mi.UInt32(0), rays, s, keys[8], keys[9], False)[1]
-    elif shading.lights.count:
-        _, full, _, total = several_lights(surface, lambda l: mi.Float(1), rays, s, [keys[8], keys[9]])
-    if shading.lights.count and shading.follows and not shading.closed:
-        full += _reflected(shading, surface, s, keys, rays, lambda l: mi.Float(1), total)[0]
+        full = dr.select(surface.plain, light.radiance * light.unshadowed(), full)
     return (mi.luminance(to_rgb(x * weight, ray.wavelengths)) for x in (full, emission))
 
 
@@ -282,21 +281,26 @@ def spend(shading: Shading, frame: Frame, seed, index, s, look: Pilot, decision,
     surface = Surface(shading, si, si.is_valid(), rays)
     value, full, total = mi.Spectrum(0), mi.Spectrum(0), mi.Float(0)
     traced, spared = mi.UInt32(0), mi.UInt32(0)
+    closed_only = shading.closed and shading.lambert
     if dr.hint(shading.lights.count == 0, mode="scalar"):
         traced = mi.UInt32(0)
-    elif dr.hint(shading.closed, mode="scalar"):
-        value, full, traced, spared = rectangle_light(
-            surface, guess, mask, mean, rays, s, keys, refine, _proven(shading, look, index, surface)
-        )
-    elif dr.hint(shading.lights.count == 1, mode="scalar"):
-        value, full, traced = single_light(surface, guess, mask, rays, s, keys[8], keys[9], refine)
-    else:
+    elif dr.hint(shading.lights.count == 1 and not closed_only, mode="scalar"):
+        # Where there is a closed form, no rays here
+        sampled = dr.select(surface.plain, 0, rays) if shading.closed else rays
+        value, full, traced = single_light(surface, guess, mask, sampled, s, keys[8], keys[9], refine)
+    elif dr.hint(shading.lights.count > 1, mode="scalar"):
         value, full, traced, total = several_lights(surface, trust, rays, s, [keys[8], keys[9]])
     reflected = mi.UInt32(0)
-    if dr.hint(shading.lights.count > 0 and shading.follows and not shading.closed, mode="scalar"):
-        extra, reflected = _reflected(shading, surface, s, keys, rays, trust, total)
+    if dr.hint(shading.lights.count > 0 and shading.follows and not closed_only, mode="scalar"):
+        elsewhere = ~surface.plain if shading.closed else True
+        extra, reflected = _reflected(shading, surface, s, keys, rays, trust, total, elsewhere)
         value += extra
         full += extra
+    if dr.hint(shading.closed, mode="scalar"):
+        some = dr.select(surface.plain, rays, 0)
+        proven = _proven(shading, look, index, surface)
+        known, unshadowed, further, spared = rectangle_light(surface, guess, mask, mean, some, s, keys, refine, proven)
+        value, full, traced = value + known, full + unshadowed, traced + further
     if dr.hint(shading.depth != 2, mode="scalar"):
         emission += indirect(shading, si, seed, index, s, mi.UInt32(1))
     lam = ray.wavelengths

@@ -112,7 +112,7 @@ class Rectangle:
         self.first, self.second = mi.Vector3f(opaque(corners[1] - corners[0])), mi.Vector3f(opaque(corners[3] - corners[0]))
         self.normal, self.area = mi.Vector3f(opaque(normal)), dr.norm(dr.cross(self.first, self.second))
         self.p, self.n = surface.si.p, surface.si.sh_frame.n * surface.side
-        self.active = surface.active & (dr.dot(self.p - self.corners[0], self.normal) > 0)
+        self.active = surface.active & surface.plain & (dr.dot(self.p - self.corners[0], self.normal) > 0)
         si = dr.zeros(mi.SurfaceInteraction3f)
         si.wi = mi.Vector3f(0, 0, 1)
         self.radiance = surface.albedo * emitter.eval(si)

@@ -16,6 +16,7 @@ from dataclasses import dataclass
 
 import drjit as dr
 import mitsuba as mi
+import numpy as np
 
 from . import cells
 from .lights import Lights, close, collect, importance
@@ -36,7 +37,9 @@ class Shading:
     lambert : bool
         Every surface is a plain (one- or two-sided) ``diffuse``.
     closed : bool
-        The only light is a constant rectangle and every surface Lambertian: unshadowed light has a closed form.
+        The only light is a constant rectangle: on Lambertian surfaces unshadowed light has a closed form.
+    plain : mi.Bool or None
+        Which BSDFs are Lambertian, by what Mitsuba's registry numbers them, where ``closed`` but not all are.
     blockers : Blockers or None
         What may stand before that rectangle, if it is simple enough to tell where nothing does.
     follows : bool
@@ -54,6 +57,7 @@ class Shading:
     lights: Lights
     lambert: bool
     closed: bool
+    plain: object = None
     blockers: object = None
     follows: bool = False
     integrator: object = None
@@ -69,14 +73,23 @@ def _is_lambertian(bsdf) -> bool:
     return bool(surfaces) and surfaces <= {"SmoothDiffuse", "TwoSided", "TwoSidedBRDF"}
 
 
+def _registered(pointers) -> np.ndarray:
+    # What Mitsuba's registry numbers objects, at which kernels look things up
+    return np.array(dr.reinterpret_array(mi.UInt32, pointers))
+
+
 def prepare(scene) -> Shading:
     """Look at a scene's lights and materials once."""
     lights = collect(scene)
     bsdfs = [s.bsdf() for s in scene.shapes()]
-    lambert = all(b is not None and _is_lambertian(b) for b in bsdfs)
-    closed = lambert and lights.rectangle is not None and not mi.is_spectral
+    lambertian = [b is not None and _is_lambertian(b) for b in bsdfs]
+    lambert, plain = all(lambertian), None
+    closed = any(lambertian) and lights.rectangle is not None and not mi.is_spectral
+    if closed and not lambert:
+        numbers = {int(_registered(mi.BSDFPtr(b))[0]) for b, is_plain in zip(bsdfs, lambertian, strict=True) if is_plain}
+        plain = mi.Bool([k in numbers for k in range(max(numbers) + 1)])
     blockers = collect_blockers(scene, lights.emitters[0]) if closed else None
-    return Shading(scene, lights, lambert, closed, blockers, not lambert or lights.touched)
+    return Shading(scene, lights, lambert, closed, plain, blockers, not lambert or lights.touched)
 
 
 def _lambert(si, bsdf, active):
@@ -96,6 +109,11 @@ def _any_close(lights: Lights, p):
     return found
 
 
+def _is_plain(table, bsdf):
+    number = dr.reinterpret_array(mi.UInt32, bsdf)
+    return dr.gather(mi.Bool, table, number, number < dr.width(table))
+
+
 class Surface:
     """A shading point, ready to be asked for the unshadowed integrand of a light sample."""
 
@@ -105,16 +123,18 @@ class Surface:
         self.bsdf = si.bsdf()
         self.rays_per_hit = mi.Float(mis_samples)
         if shading.lambert:
-            self.albedo, self.side = _lambert(si, self.bsdf, active)
-            self.active = active & (self.side != 0)
-            self.follow, self.transmits = mi.Bool(False), mi.Bool(False)
-            self.specular = self.follow
+            self.plain, self.transmits, self.specular = mi.Bool(True), mi.Bool(False), mi.Bool(False)
         else:
             flags = self.bsdf.flags()
-            self.active = active & mi.has_flag(flags, mi.BSDFFlags.Smooth)
+            self.plain = mi.Bool(False) if shading.plain is None else active & _is_plain(shading.plain, self.bsdf)
             self.transmits = mi.has_flag(flags, mi.BSDFFlags.Transmission)
             self.specular = active & (mi.has_flag(flags, mi.BSDFFlags.Glossy) | mi.has_flag(flags, mi.BSDFFlags.Delta))
-            self.follow = self.specular
+        self.active, self.follow = active, self.specular
+        if shading.lambert or shading.plain is not None:
+            self.albedo, self.side = _lambert(si, self.bsdf, active & self.plain)
+            self.active = active & (~self.plain | (self.side != 0))
+        if not shading.lambert:
+            self.active = self.active & mi.has_flag(flags, mi.BSDFFlags.Smooth)
         if shading.lights.touched:
             self.follow = self.follow | (self.active & _any_close(shading.lights, si.p))
 
@@ -125,11 +145,12 @@ class Surface:
     def integrand(self, ds, weight, probability, active):
         """Unshadowed integrand over density, and where it can be non-zero."""
         wo = self.si.to_local(ds.d)
-        if self.shading.lambert:
+        if not self.shading.lambert:
+            f, pdf = self.bsdf.eval_pdf(mi.BSDFContext(), self.si, wo, active & ~self.plain)
+        if self.shading.lambert or self.shading.plain is not None:
             cos = dr.maximum(wo.z * self.side, 0)
-            f, pdf = self.albedo * cos, cos * dr.inv_pi
-        else:
-            f, pdf = self.bsdf.eval_pdf(mi.BSDFContext(), self.si, wo, active)
+            g, q = self.albedo * cos, cos * dr.inv_pi
+            f, pdf = (g, q) if self.shading.lambert else (dr.select(self.plain, g, f), dr.select(self.plain, q, pdf))
         if self.shading.follows:
             # Balance heuristic against one BSDF sample a hit; points and directions cannot be hit by chance
             p = self.rays_per_hit * probability * ds.pdf
@@ -147,11 +168,11 @@ class Surface:
         return active if self.blind else active & ~self.shading.scene.ray_test(self.si.spawn_ray_to(p), active)
 
     @dr.syntax
-    def reflect(self, s1, s2):
+    def reflect(self, s1, s2, active):
         """Follow one BSDF sample to a light: its weighted radiance, the light's number, and both densities."""
         scene, si = self.shading.scene, self.si
-        sample, weight = self.bsdf.sample(mi.BSDFContext(), si, s1, s2, self.follow)
-        active = self.follow & dr.any(weight != 0)
+        sample, weight = self.bsdf.sample(mi.BSDFContext(), si, s1, s2, active)
+        active = active & dr.any(weight != 0)
         next_si = scene.ray_intersect(si.spawn_ray(si.to_world(sample.wo)), active)
         emitter = next_si.emitter(scene, active)
         ds = mi.DirectionSample3f(scene, next_si, si)
@@ -200,7 +221,7 @@ def single_light(surface: Surface, guess, mask, rays, s, s0, s1, refine):
     mask : mi.UInt32
         Undecided cells.
     rays : mi.UInt32
-        Shadow rays to trace.
+        Shadow rays to trace; none, no light.
     s : mi.UInt32
         Number of the hit in its pixel.
     s0, s1 : mi.UInt32

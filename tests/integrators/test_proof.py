@@ -49,7 +49,7 @@ def proven(scene, p, n=(0, 0, 1), radius=0.02):
     si.p, si.wi = mi.Point3f(np.float32(p).T), mi.Vector3f(0, 0, 1)
     si.sh_frame = mi.Frame3f(mi.Vector3f(*map(float, n)))
     surface.shading, surface.si, surface.side = shading, si, mi.Float(1)
-    surface.active, surface.albedo = mi.Bool(True), mi.Color3f(1)
+    surface.active, surface.plain, surface.albedo = mi.Bool(True), mi.Bool(True), mi.Color3f(1)
     result = unobstructed(shading.blockers, Rectangle(surface), mi.Float(radius), mi.Bool(True))
     return np.broadcast_to(np.array(result), len(p))
 
