@@ -14,7 +14,7 @@ from ..errors import InputError
 from ..report import Report
 from . import device, hull, intervisibility, light, march, skip, surface, transport
 from . import points as rays
-from .check import choice, grid, number, reals, shown, spacing_of, watcher
+from .check import choice, grid, known, number, shown, spacing_of, watcher
 from .sources import path_of
 from .sweep import angles, azimuths_of, direction, packed
 from .tally import Tally
@@ -74,12 +74,7 @@ class HeightField:
         refraction = REFRACTION if isinstance(curvature, (bool, np.bool_)) else number("curvature", curvature, 0.0, 0.999)
         on = curvature is not False
         self.curve = (1 - refraction) / (2 * EARTH) if on else 0.0
-        self.valid = np.isfinite(values)
-        if nodata is not None:
-            unknown = reals("nodata", nodata)
-            if unknown.ndim:
-                raise InputError(f"'nodata' must be one height (got {shown(nodata)})")
-            self.valid &= values != unknown
+        self.valid = known(values, nodata)
         if not self.valid.any():
             raise InputError("'heights' must have at least one known height (got none: all are nodata or not finite)")
         self.heights = surface.filled(values, self.valid, self.policy, self.spacing)

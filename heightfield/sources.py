@@ -79,7 +79,8 @@ def _starts(path, *magic):
 
 def _npy(path):
     _starts(path, b"\x93NUMPY")
-    return np.load(path, allow_pickle=False), {}, None
+    # Read from the disk where and when it is needed: it may be larger than memory
+    return np.load(path, allow_pickle=False, mmap_mode="r"), {}, None
 
 
 def _npz(path):

@@ -148,6 +148,59 @@ def test_supersampling(here):
         assert (expected != field.irradiance(20.0, SUN, 0.4, bounces=1, azimuths=6)).any()
 
 
+@pytest.mark.parametrize("suffix", [".npz", ".tif"])
+def test_tiles(here, capsys, suffix):
+    """A tile at a time, everything comes out as it does of the whole field, but for rounding."""
+    heights = make("fractal", 50, seed=1)
+    heights[30:, 38:] = np.nan
+    np.save("dem.npy", heights)
+    words = ("dem.npy", "--spacing", "2,1", "--radius", 6, "--products", "irradiance,skyview,horizons,shadow", *LIGHT)
+    assert run(*words, "-o", "whole.npz") == 0
+    assert "points without data 240" in capsys.readouterr().out
+    before = set(here.iterdir())
+    assert run(*words, "--tile", 20, "-o", f"tiled{suffix}") == 0
+    assert set(here.iterdir()) - before == {here / f"tiled{suffix}"}
+    printed = capsys.readouterr().out
+    assert "points without data 240" in printed and printed.count("by the naive method") == 4
+    with np.load("whole.npz") as whole:
+        layers = {"irradiance": whole["irradiance"][..., 0], "skyview": whole["skyview"], "shadow": whole["shadow"]}
+        layers |= {f"horizons.{60 * n:03d}.0": h for n, h in enumerate(whole["horizons"])}
+    if suffix == ".npz":
+        with np.load("tiled.npz") as data:
+            found = {n: data[n] for n in ("skyview", "shadow")} | {"irradiance": data["irradiance"][..., 0]}
+            found |= {f"horizons.{60 * n:03d}.0": h for n, h in enumerate(data["horizons"])}
+    else:
+        rasterio = pytest.importorskip("rasterio")
+        with rasterio.open("tiled.tif") as file:
+            found = dict(zip(file.descriptions, file.read(), strict=True))
+    assert set(found) == set(layers)
+    for name, values in layers.items():
+        # A sun's disk is narrow: shadows are its rounding's two hundred times
+        np.testing.assert_allclose(found[name], values, rtol=1e-4, atol=3e-5, err_msg=name)
+
+
+def test_a_tile_without_data(here):
+    heights = make("fractal", 40, seed=1)
+    heights[:, 15:] = np.nan
+    np.save("dem.npy", heights)
+    words = ("dem.npy", "--radius", 3, "--products", "skyview", "--azimuths", 4)
+    assert run(*words, "-o", "whole.npz") == 0 and run(*words, "--tile", 10, "-o", "tiled.npz") == 0
+    with np.load("whole.npz") as whole, np.load("tiled.npz") as tiled:
+        np.testing.assert_allclose(tiled["skyview"], whole["skyview"], atol=2e-6)
+
+
+def test_an_interruption_drops_a_product_whose_tiles_are_not_all_there(here, capsys, monkeypatch):
+    dem()
+    interrupt(monkeypatch, "horizons", 2)
+    words = ("dem.npz", "--radius", 5, "--tile", 12, "--products", "skyview,horizons", "--azimuths", 3)
+    before = set(here.iterdir())
+    assert run(*words, "-o", "out.npz") == 130 and set(here.iterdir()) - before == {here / "out.npz"}
+    with np.load("out.npz") as data:
+        assert set(data) == {"skyview", "spacing"}
+    interrupt(monkeypatch, "skyview", 2)
+    assert run(*words, "-o", "none.npz") == 130 and not (here / "none.npz").exists()
+
+
 def test_a_preview(here, capsys):
     import mitsuba as mi
 
@@ -201,6 +254,10 @@ REFUSED = [
     (("dem.npz", "--nodata", "none"), "nodata"),
     (("dem.npz", "--nodata-policy", "ignore"), "'nodata_policy' must be one of fill, transparent, block"),
     *[(("dem.npz", "--radius", r), "radius") for r in ("0", "-2", "nan", "far")],
+    *[(("dem.npz", "--radius", "5", "--tile", n), "tile") for n in ("0", "-1", "2.5", "x")],
+    (("dem.npz", "--tile", "8"), "add --radius"),
+    (("dem.npz", "--radius", "-5", "--tile", "8"), "radius"),
+    (("dem.npz", "--radius", "5", "--tile", "8", "--nodata-policy", "ignore"), "nodata_policy"),
     *[(("sine", "--size", n), "must be|size") for n in ("0", "-4", "x")],
     *[(("dem.npz", "-o", o), "'output' must end in") for o in ("out", "out.jpg", "out.npy")],
     (("dem.npz", "-o", "folder.tif"), "'output' must be a file"),
