@@ -20,7 +20,7 @@ from .check import choice, number, spacing_of
 from .field import HeightField
 from .fields import FIELDS, example, make
 from .light import BRIGHTEST
-from .sources import path_of, read, read_map
+from .sources import opened, path_of, read, read_map
 from .sweep import azimuths_of
 from .tally import Tally
 from .tiles import tiles
@@ -177,7 +177,7 @@ def _source(options):
         return heights, {"spacing": spacing, **settings}, None
     if not Path(options.dem).suffix:
         raise InputError(f"'DEM' must be a file, 'jacksboro' or one of {', '.join(FIELDS)} (got {options.dem!r})")
-    heights, found, georeference = read(path_of("path", options.dem))
+    heights, found, georeference = (read if options.tile is None else opened)(path_of("path", options.dem))
     return heights, {**found, **settings}, georeference
 
 

@@ -6,6 +6,7 @@ What they gain is that of `gather` and `skylight`: newly visible pieces of surfa
 from __future__ import annotations
 
 import functools
+import operator
 from typing import NamedTuple
 
 import drjit as dr
@@ -147,12 +148,12 @@ def _shone(kinds, r, shown, light, normals, place, n, before, best, rise, old, s
 def _worth(kinds, r, normals, mine, best, k, top, slack):
     # Whether a surface up to ``top`` may add more than ``slack`` from column ``k`` on; see `lanes_light.worth`
     rise = (top - mine) * dr.gather(kinds.Float, r.inverse, k) - dr.gather(kinds.Float, r.fall, k)
-    gains = []
+    worth = []
     for n in normals:
         seen = dr.maximum(best, n.least)
         after, before = (_weighed(n.up, n.along, _moments(t)) for t in (dr.maximum(rise, seen), seen))
-        gains.append(after - before)
-    return functools.reduce(dr.maximum, gains) > slack
+        worth.append(after - before > slack)
+    return functools.reduce(operator.or_, worth)
 
 
 @dr.syntax

@@ -179,6 +179,37 @@ def test_tiles(here, capsys, suffix):
         np.testing.assert_allclose(found[name], values, rtol=1e-4, atol=3e-5, err_msg=name)
 
 
+@pytest.mark.parametrize("south_up, east_left", [(False, False), (True, False), (True, True)])
+def test_tiles_of_a_geotiff(here, south_up, east_left):
+    """Read a tile at a time, however its rows and columns run, in metres; and written as they run."""
+    rasterio = pytest.importorskip("rasterio")
+    stored = np.arange(15 * 22).reshape(15, 22).astype(np.int16) ** 2 % 97
+    place = rasterio.Affine(-10 if east_left else 10, 0, 5e5, 0, 10 if south_up else -10, 5e6)
+    profile = {"count": 1, "height": 15, "width": 22, "dtype": "int16", "crs": "EPSG:32633", "nodata": stored[4, 5]}
+    with rasterio.open("dem.tif", "w", driver="GTiff", transform=place, **profile) as file:
+        file.write(stored[None])
+        file.scales, file.offsets, file.units = [2.0], [100.0], ["ft"]
+    words = ("dem.tif", "--radius", 35, "--products", "skyview", "--azimuths", 5)
+    assert run(*words, "-o", "whole.tif") == 0 and run(*words, "--tile", 8, "-o", "tiled.tif") == 0
+    with rasterio.open("whole.tif") as whole, rasterio.open("tiled.tif") as tiled:
+        assert tiled.transform == place
+        np.testing.assert_allclose(tiled.read(1), whole.read(1), atol=2e-6)
+
+
+def test_a_geotiff_cut_short(here, capsys):
+    rasterio = pytest.importorskip("rasterio")
+    profile = {"count": 1, "height": 90, "width": 90, "dtype": "float32", "transform": rasterio.Affine(5, 0, 0, 0, -5, 0)}
+    with rasterio.open("dem.tif", "w", driver="GTiff", blockysize=1, **profile) as file:
+        file.write(np.random.default_rng(0).uniform(size=(1, 90, 90)).astype(np.float32))
+    whole = (here / "dem.tif").read_bytes()
+    (here / "dem.tif").write_bytes(whole[: len(whole) * 3 // 4])
+    before = set(here.iterdir())
+    for words in ((), ("--tile", 20)):
+        assert run("dem.tif", "--radius", 3, "--products", "skyview", "--azimuths", 2, *words) == 2
+        printed = capsys.readouterr().err
+        assert "damaged or cut short" in printed and printed.count("\n") == 1 and set(here.iterdir()) == before
+
+
 def test_a_tile_without_data(here):
     heights = make("fractal", 40, seed=1)
     heights[:, 15:] = np.nan

@@ -130,7 +130,7 @@ def test_a_tolerance_keeps_its_promise(monkeypatch, backend):
     """Each thread ends by itself: not where sixteen rays end together, but as little is left out."""
     hf = HeightField(make("fractal", 64))
     glow = np.random.default_rng(1).uniform(size=(64, 64)) ** 2
-    options = dict(sky=0.0, emission=glow, albedo=0.0, bounces=0, azimuths=8)
+    options = dict(sky=0.0, emission=glow, albedo=0.001, bounces=1, azimuths=8)
     monkeypatch.setattr(device, "chosen", lambda shape: backend)
     exact, some = hf.irradiance(**options), hf.irradiance(**options, tolerance=0.02)
     assert (exact - some).max() > 1e-4 and (exact - some).max() < 0.02 * np.pi * glow.max() and (exact - some).min() > -1e-6
