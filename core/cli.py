@@ -171,6 +171,7 @@ def _heightfield(commands) -> None:
     p.add_argument("--nodata-policy", default="fill", metavar="P", help="fill, transparent or block (default: %(default)s)")
     p.add_argument("--curvature", action="store_true", help="let the Earth curve away, with refraction")
     p.add_argument("--radius", type=float, metavar="M", help="look no farther than so many metres")
+    p.add_argument("--tile", type=int, metavar="N", help="hold so many points a side at a time, and those within the radius")
 
 
 if __name__ == "__main__":

@@ -98,3 +98,14 @@ def grid(name: str, values) -> np.ndarray:
     with np.errstate(invalid="ignore"):
         out[~(np.abs(out) <= UNKNOWN)] = np.nan
     return out
+
+
+def known(heights: np.ndarray, nodata) -> np.ndarray:
+    """Say which heights, as `grid` returns them, are known: finite ones that are not ``nodata`` (a height or None)."""
+    valid = np.isfinite(heights)
+    if nodata is not None:
+        unknown = reals("nodata", nodata)
+        if unknown.ndim:
+            raise InputError(f"'nodata' must be one height (got {shown(nodata)})")
+        valid &= heights != unknown
+    return valid

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import resource
 import sys
+import tempfile
 import time
 from contextlib import contextmanager
 from importlib.metadata import version
@@ -15,12 +16,14 @@ from ..errors import InputError, interrupts
 from ..images import check_writable
 from ..report import Report
 from . import products as files
-from .check import choice, number
+from .check import choice, number, spacing_of
 from .field import HeightField
 from .fields import FIELDS, example, make
 from .light import BRIGHTEST
+from .sources import opened, path_of, read, read_map
 from .sweep import azimuths_of
 from .tally import Tally
+from .tiles import tiles
 
 PRODUCTS = ("irradiance", "skyview", "horizons", "shadow")
 MOST = 36_000  # azimuths
@@ -36,8 +39,16 @@ def run(options, line: str) -> int:
     sun, sky = _sun(options.sun), _sky(options.sky)
     if "shadow" in wanted and sun is None:
         raise InputError("'products' with a shadow need a sun: add --sun AZ,EL,W")
-    field = _field(options)
-    output = _output(options, field)
+    heights, settings, georeference = _source(options)
+    if options.tile is None:
+        field = HeightField(heights, **settings)
+    else:
+        number("tile", options.tile, 1, whole=True)
+        if options.radius is None:
+            raise InputError("'tile' needs to know how far points look: add --radius M")
+        # What cannot be used is found out before anything is computed
+        field, _ = None, next(tiles(heights, size=options.tile, **settings))
+    output = _output(options, georeference)
     preview = None if options.preview is None else _target("preview", options.preview, options, [".png"])
 
     # Every product by itself: an interruption keeps those before it, and the directions of horizons that are finished
@@ -46,9 +57,15 @@ def run(options, line: str) -> int:
     with _Progress() as progress:
         try:
             for name in wanted:
+                tally = Tally()
+                what = name, options, sun, sky, progress(name), report, tally
                 with _counted(report, name), interrupts():
-                    for finished in _product(field, name, options, sun, sky, progress(name), report):
+                    whole = field is not None
+                    parts = _product(field, *what) if whole else _tiled(heights, settings, output.parent, *what)
+                    for finished in parts:
                         done[name] = finished
+                if tally.rays:
+                    report.notes.append(f"{name}: {tally}")
         except KeyboardInterrupt:
             interrupted = True
     if not done:
@@ -58,8 +75,9 @@ def run(options, line: str) -> int:
     report.memory_peak_bytes = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * (1 if sys.platform == "darwin" else 1024)
     if interrupted:
         report.notes.append("interrupted: what was finished has been written")
+    spacing = spacing_of(settings.get("spacing", 1.0))
     header = {"command": line, "intervis": version("intervis"), "seconds": report.wall_s, "azimuths": options.azimuths}
-    files.write(output, done, azimuths_of(options.azimuths), header, field.spacing, field.georeference)
+    files.write(output, done, azimuths_of(options.azimuths), header, spacing, georeference)
     if preview:
         files.write_preview(preview, done)
     print(report)
@@ -68,7 +86,7 @@ def run(options, line: str) -> int:
     return 130 if interrupted else 0
 
 
-def _product(field, name, options, sun, sky, progress, report):
+def _product(field, name, options, sun, sky, progress, report, tally):
     # The product; horizons also after every direction, as far as they are
     if name == "irradiance":
         light = {"albedo": options.albedo, "bounces": options.bounces, "azimuths": options.azimuths}
@@ -80,7 +98,6 @@ def _product(field, name, options, sun, sky, progress, report):
         out = field.shadow(sun[0], sun[1])
     else:
         azimuths = azimuths_of(options.azimuths)
-        tally = Tally()
         out = np.empty((len(azimuths), *field.heights.shape), dtype=np.float32)
         for i, azimuth in enumerate(azimuths):
             out[i] = field.horizons([azimuth])[0]
@@ -90,10 +107,40 @@ def _product(field, name, options, sun, sky, progress, report):
             progress(i + 1, len(azimuths))
     if name != "horizons":
         _account(report, field.report)
-        tally = field.tally
+        tally.add(*vars(field.tally).values())
         yield out
-    if tally.rays:
-        report.notes.append(f"{name}: {tally}")
+
+
+def _tiled(heights, settings, folder, name, options, sun, sky, progress, report, tally):
+    # The product, a tile at a time
+    size, out, points = options.tile, None, 0
+    count = int(np.prod([-(-n // size) for n in heights.shape]))
+    cut = tiles(heights, size=size, bounces=options.bounces if name == "irradiance" else 0, **settings)
+    for n, (window, field, inner) in enumerate(cut):
+        *_, found = _product(field, name, options, sun, sky, lambda *_: None, report, tally)
+        if out is None:
+            shape = (len(found), *heights.shape) if name == "horizons" else (*heights.shape, *found.shape[2:])
+            out = _on_disk(shape, folder)
+        at, within = ((slice(None), *v) if name == "horizons" else v for v in (window, inner))
+        out[at] = found[within]
+        points += int(field.valid[inner].sum())
+        progress(n + 1, count)
+    # Tiles see points of their neighbours, and those without data not at all
+    report.skipped["points without data"] = heights.size - points
+    yield out
+
+
+def _on_disk(shape, folder):
+    # An array of NaN in a file that has no name: there is room for what is larger than memory, and nothing is left behind
+    file, part = tempfile.TemporaryFile(dir=folder), np.full(shape[1:], np.nan, np.float32)
+    try:
+        for _ in range(shape[0]):
+            file.write(part)
+        file.flush()
+    except OSError as error:
+        need = part.nbytes * shape[0] / 2**30
+        raise InputError(f"'output' needs {need:.3g} GiB for a while in the folder {folder}: {error.strerror}") from error
+    return np.memmap(file, np.float32, "r+", shape=shape)
 
 
 def _account(total, part):
@@ -113,7 +160,8 @@ def _counted(report, name):
         report.phases[name] = report.phases.get(name, 0.0) + time.perf_counter() - begin
 
 
-def _field(options) -> HeightField:
+def _source(options):
+    # Heights, options of their field, and what a GeoTIFF says of itself
     settings = {"nodata_policy": options.nodata_policy, "curvature": options.curvature, "radius": options.radius}
     if options.nodata is not None:
         settings["nodata"] = options.nodata
@@ -123,18 +171,19 @@ def _field(options) -> HeightField:
         except ValueError:
             raise InputError(f"'spacing' must be one number or two, DY,DX, in metres (got {options.spacing!r})") from None
     if options.dem in FIELDS:
-        return HeightField(make(options.dem, options.size), **settings)
+        return make(options.dem, options.size), settings, None
     if options.dem == "jacksboro":
         heights, spacing = example()
-        return HeightField(heights, **{"spacing": spacing, **settings})
+        return heights, {"spacing": spacing, **settings}, None
     if not Path(options.dem).suffix:
         raise InputError(f"'DEM' must be a file, 'jacksboro' or one of {', '.join(FIELDS)} (got {options.dem!r})")
-    return HeightField.from_file(options.dem, **settings)
+    heights, found, georeference = (read if options.tile is None else opened)(path_of("path", options.dem))
+    return heights, {**found, **settings}, georeference
 
 
-def _output(options, field) -> Path:
+def _output(options, georeference) -> Path:
     # An .exr made from an .exr must not take its place
-    kind = ".light.tif" if field.georeference else ".light.exr" if options.dem.lower().endswith(".exr") else ".exr"
+    kind = ".light.tif" if georeference else ".light.exr" if options.dem.lower().endswith(".exr") else ".exr"
     path = Path(options.output or f"{Path(options.dem).stem}{kind}")
     return _target("output", path, options, [".exr", ".tif", ".tiff", ".npz"])
 
@@ -169,8 +218,6 @@ def _sky(text):
         value = None
     if value is not None:
         return number("sky", value, 0, BRIGHTEST)
-    from .sources import read_map
-
     if not text.lower().endswith(".exr"):
         raise InputError(f"'sky' must be a radiance or an .exr file (got {text!r})")
     return read_map(Path(text))

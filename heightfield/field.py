@@ -12,9 +12,9 @@ import numpy as np
 
 from ..errors import InputError
 from ..report import Report
-from . import hull, intervisibility, light, march, skip, surface, transport
+from . import device, hull, intervisibility, light, march, skip, surface, transport
 from . import points as rays
-from .check import choice, grid, number, reals, shown, spacing_of, watcher
+from .check import choice, grid, known, number, shown, spacing_of, watcher
 from .sources import path_of
 from .sweep import angles, azimuths_of, direction, packed
 from .tally import Tally
@@ -74,12 +74,7 @@ class HeightField:
         refraction = REFRACTION if isinstance(curvature, (bool, np.bool_)) else number("curvature", curvature, 0.0, 0.999)
         on = curvature is not False
         self.curve = (1 - refraction) / (2 * EARTH) if on else 0.0
-        self.valid = np.isfinite(values)
-        if nodata is not None:
-            unknown = reals("nodata", nodata)
-            if unknown.ndim:
-                raise InputError(f"'nodata' must be one height (got {shown(nodata)})")
-            self.valid &= values != unknown
+        self.valid = known(values, nodata)
         if not self.valid.any():
             raise InputError("'heights' must have at least one known height (got none: all are nodata or not finite)")
         self.heights = surface.filled(values, self.valid, self.policy, self.spacing)
@@ -128,9 +123,10 @@ class HeightField:
         points : (n, 2) array or (rows, columns) bool array, optional
             Receivers: rows and columns, which may be fractional, or a mask of the grid. Each ray is then marched on its own.
         method : {"auto", "tree", "march"}
-            "march" looks at every edge that the ray crosses; "auto" steps over stretches too low to be seen (see `skip`).
-            Both are exact on the surface. "tree" finds where the horizon is with hulls shared by neighbouring rays, then
-            looks only there (see `hull`): on a GPU where there is one; with ``radius`` it gives way to the march.
+            "march" looks at every edge that the ray crosses; "auto" steps over stretches too low to be seen (see `skip`),
+            for large fields on a GPU where there is one (see `device`). Both are exact on the surface. "tree" finds where the
+            horizon is with hulls shared by neighbouring rays, then looks only there (see `hull`): on a GPU where there is
+            one; with ``radius`` it gives way to the march.
         progress : callable, optional
             Called with (directions done, directions).
 
@@ -384,7 +380,7 @@ class HeightField:
         # Tangents of the horizons, a direction at a time; the same direction twice is looked at once
         choice("method", method, METHODS)
         watcher(progress)
-        before, way = (None, None), None
+        before, way, backend = (None, None), None, device.chosen(self.heights.shape)
         for n, azimuth in enumerate(azimuths):
             if azimuth != before[0]:
                 d, looked = direction(azimuth, self.spacing), []
@@ -393,9 +389,10 @@ class HeightField:
                     # The same for all directions of an eighth of the circle
                     way = d.transpose, d.flip_rows, d.flip_columns
                     laid = skip.lay(self._turned, d) if method == "auto" else packed(d.turn(self._turned))
+                    laid = device.put(laid, backend) if method == "auto" and backend else laid
                 shape = d.turn(self._turned).shape
                 if method == "auto":
-                    t = d.lift(skip.horizons(laid, d, self.curve, reach, looked))
+                    t = d.lift((device if backend else skip).horizons(laid, d, self.curve, reach, looked))
                 elif method == "march" or reach is not None or shape[1] > hull.LONGEST:
                     t = d.back(march.horizons(laid, d, self.curve, reach, looked))
                 else:

@@ -132,9 +132,12 @@ def _strip(
 
 
 @nb.njit(cache=True)
-def edges_of(places, laid):
-    """Return the places of facets' edges in the laid field, flat, and the first and last of their columns, (f, 2)."""
-    edges = (places[:, :, 0] * laid[0].size + places[:, :, 1] + places[:, :, 2] * laid.shape[2]).ravel()
+def edges_of(places, size, stride):
+    """Return the places of facets' edges in a laid field, flat, and the first and last of their columns, (f, 2).
+
+    ``size`` is that of one of the field's planes, ``stride`` that of one of its columns.
+    """
+    edges = (places[:, :, 0] * size + places[:, :, 1] + places[:, :, 2] * stride).ravel()
     beside = np.empty((len(places), 2), np.int64)
     for q in range(len(places)):
         beside[q, 0], beside[q, 1] = places[q, :, 2].min(), places[q, :, 2].max()
@@ -182,7 +185,7 @@ def surface(laid, radiance, own, normals, facets, toward, way, shown, slack, sha
     mine, up, found, sums = own.ravel(), normals.ravel(), horizon.ravel(), out.ravel()
     first, second, weight, scale, drop, upto, down, inverse, fall, tops, begins = way
     (corners, passed, bend), (places, per_east, per_south), (east, north) = shown, facets, toward
-    edges, beside = edges_of(places, laid)
+    edges, beside = edges_of(places, laid[0].size, laid.shape[2])
     for t in nb.prange(strips):
         i = LANES * (2 * t if t < half else 2 * (t - half) + 1)
         looked += min(LANES, receivers - i) * _strip(

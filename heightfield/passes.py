@@ -123,34 +123,35 @@ class Passes:
             d = some[0][1]
             laid, receivers = self._laid(d), self._receivers(d, to_corners)
             lit = None if radiance is None else bordered(self._dealt(d, radiance), self.s, d.flip_rows)
-            shares = [np.zeros((channels, *each[:-2], *r.heights.shape), dtype=np.float32) for r in receivers]
             # Of a sparse direction each point has its turn (§10.3); neighbours have others, so that banding turns to noise
             turns = [r.turns(self.sparse, done) if self.sparse > 1 else None for r in receivers]
-            counts = [np.zeros((1, *r.heights.shape), dtype=np.float32) for r in receivers]
-            for az, d, table in some:
-                tops, toward = skip.stretches(laid, d, self.s), (np.float32(np.sin(az)), np.float32(np.cos(az)))
-                for r, share, turn, count in zip(receivers, shares, turns, counts, strict=True):
-                    busy = None if turn is None else (turn + done) % self.sparse == 0
-                    if busy is not None:
-                        count += _sixteenfold(busy)
-                    horizon = self._look(d, laid, tops, r, lit, toward, width, share, busy)
-                    if table is not None and to_corners:
-                        add_sky_to_facets(laid, horizon, r.facets, toward, table, width, share)
-                    elif table is not None:
-                        add_sky(horizon, r.normals, toward, table, width, share)
-                done += 1
-                if step:
-                    step()
-            self._add_back(d, shares, out)
+            busy = [[None if t is None else (t + done + n) % self.sparse == 0 for t in turns] for n in range(len(some))]
+            done += len(some)
+            self._add_back(d, self._gained(some, (channels, *each[:-2]), laid, receivers, lit, width, busy, step), out)
             if self.sparse > 1:
-                self._add_back(d, counts, served)
+                self._add_back(d, [_sixteenfold(sum(b).astype(np.float32))[None] for b in zip(*busy, strict=True)], served)
         return out if self.sparse == 1 else out * (len(azimuths) / np.maximum(served, 1))
+
+    def _gained(self, some, each, laid, receivers: list[Receivers], lit, width: float, busy, step) -> list[np.ndarray]:
+        # What receivers gain from directions that see the grid alike, (*each, n, m), from the sky and from the surface
+        shares = [np.zeros((*each, *r.heights.shape), dtype=np.float32) for r in receivers]
+        for (az, d, table), those in zip(some, busy, strict=True):
+            tops, toward = self._stretches(laid, d), (np.float32(np.sin(az)), np.float32(np.cos(az)))
+            for r, share, b in zip(receivers, shares, those, strict=True):
+                horizon = self._look(d, laid, tops, r, lit, toward, width, share, b)
+                if table is not None and r.normals is None:
+                    add_sky_to_facets(laid, horizon, r.facets, toward, table, width, share)
+                elif table is not None:
+                    add_sky(horizon, r.normals, toward, table, width, share)
+            if step:
+                step()
+        return shares
 
     def shadow(self, azimuth: float, elevation: float, radius: float) -> np.ndarray:
         """Share of the sun's disk that triangles see, straight over each, at their corners: (2, 3, ...) float32."""
         d, s, parts = direction(azimuth, self.field.spacing), self.s, -(-PARTS // self.s)
         laid, out = self._laid(d), np.zeros((2, 3, *(size - 1 for size in self.fine.shape)), np.float32)
-        tops = skip.stretches(laid, d, s)
+        tops = self._stretches(laid, d)
         for kind in (0, 1):
             for (v, u), weights in zip(spots(kind, parts), fit(kind, parts).T, strict=True):
                 heights = planes(d.lay(inside(self.fine, kind, v, u).astype(np.float32)), s)
@@ -164,33 +165,42 @@ class Passes:
 
     def _look(self, d: Direction, laid, tops, r: Receivers, radiance=None, toward=None, width=None, share=None, busy=None):
         # Return the tangents of the horizons, and add what the surface sends if its radiance is given
-        reach = self.field._reach(d)
-        columns, stride = laid.shape[1] - 1, laid.shape[2]
-        columns = columns if reach is None else min(reach, columns)
-        horizon = r.horizon(busy)
-        if columns <= 0:
-            return horizon
-        # A ray along edges has a triangle on its left and another on its right: half of each
-        sides = (-1, 1) if radiance is not None and along_edge(d, self.s * r.y, self.s * r.x) else (1,)
-        for side in sides:
-            seen = ray(d, columns, self.s, r.y, r.x, side)
-            way = skip.way(laid, tops, d, self.field.curve, seen.edges, seen.weight, seen.distance, r.y, r.x)
+        horizon, image = r.horizon(busy), None if radiance is None else radiance.shape
+        for way, shown, part, count in self._sides(d, laid.shape, tops, r, image, busy):
             if radiance is None:
                 looked = skip.steepest(laid, way, r.heights, horizon, r.rows)
             else:
                 horizon = r.horizon(busy)
-                # Radiance has a row before the first
-                corners = (seen.corners.astype(np.int64) @ [radiance[0, 0].size, 1, stride] + 1).ravel()
-                numbers = np.append(0, seen.weight), gather.bends(seen.distance)
-                shown = gather.Shown(corners, *(v.astype(np.float32) for v in numbers))
-                slack, part = np.float32(self.tolerance / 2), np.float32(width / len(sides))
+                slack, part = np.float32(self.tolerance / 2), np.float32(width * part)
                 own = r.heights, NO_NORMALS if r.normals is None else r.normals, r.facets
                 looked = gather.surface(laid, radiance, *own, toward, way, shown, slack, part, horizon, share, r.rows)
-            naive = crossed(seen.edges, (r.rows, len(r.heights)), stride - BLOCK, laid.shape[1])
-            # Either side of an edge is half a ray
-            part = 1.0 if busy is None else busy.mean()
-            self.field.tally.add(looked, part * naive, part * r.rows * len(r.heights) / len(sides))
+            self.field.tally.add(looked, *count)
         return horizon
+
+    def _sides(self, d: Direction, shape, tops, r: Receivers, image=None, busy=None):
+        # Yield what rays meet and, if the radiance's shape is given, what is shown there; its share; and what to count
+        reach = self.field._reach(d)
+        columns, stride = shape[1] - 1, shape[2]
+        columns = columns if reach is None else min(reach, columns)
+        if columns <= 0:
+            return
+        # A ray along edges has a triangle on its left and another on its right: half of each
+        sides = (-1, 1) if image is not None and along_edge(d, self.s * r.y, self.s * r.x) else (1,)
+        for side in sides:
+            seen = ray(d, columns, self.s, r.y, r.x, side)
+            way = skip.way(shape, tops, d, self.field.curve, seen.edges, seen.weight, seen.distance, r.y, r.x)
+            shown = None
+            if image is not None:
+                # Radiance has a row before the first
+                corners = (seen.corners.astype(np.int64) @ [image[2] * image[3], 1, stride] + 1).ravel()
+                numbers = np.append(0, seen.weight), gather.bends(seen.distance)
+                shown = gather.Shown(corners, *(v.astype(np.float32) for v in numbers))
+            naive = crossed(seen.edges, (r.rows, len(r.heights)), stride - BLOCK, shape[1])
+            part = 1.0 if busy is None else busy.mean()
+            yield way, shown, 1 / len(sides), (part * naive, part * r.rows * len(r.heights) / len(sides))
+
+    def _stretches(self, laid, d):
+        return skip.stretches(laid, d, self.s)
 
     # --- To a laid grid and back ---------------------------------------------------------------------------------------
 

@@ -65,7 +65,7 @@ class Way(NamedTuple):
 
 
 @functools.lru_cache(256)
-def _swept(d, s: int, stride: int, size: int):
+def swept(d, s: int, stride: int, size: int):
     """List what rays sweep over, in a stretch of `SIZES[0]` columns, that enter it between one row and the next.
 
     They are highest where the first or the last of them crosses an edge, or at a vertex between those two.
@@ -126,7 +126,7 @@ def stretches(laid, d, s: int = 1) -> tuple[np.ndarray, np.ndarray]:
     begins = np.concatenate([[0], np.cumsum([-(-columns // size) for size in SIZES])])
     out = np.empty((begins[-1], stride), np.float32)
     level = out[: begins[1]]
-    _lowest_level(laid.ravel(), columns, stride, *_swept(d, s, stride, size), level)
+    _lowest_level(laid.ravel(), columns, stride, *swept(d, s, stride, size), level)
     for n in range(1, len(SIZES)):
         below, level = level, out[begins[n] : begins[n + 1]]
         _next_level(below, d.slope, SIZES[n - 1], SIZES[n] // SIZES[n - 1], level)
@@ -139,12 +139,13 @@ def _from_nearer(first, second, weight):
     return np.where(swap, second, first), np.where(swap, first, second), np.where(swap, 1 - weight, weight)
 
 
-def way(laid, tops, d, curve: float, edges, weight, distance, y: float = 0.0, x: float = 0.0) -> Way:
+def way(shape, tops, d, curve: float, edges, weight, distance, y: float = 0.0, x: float = 0.0) -> Way:
     """Prepare what `seek` needs.
 
     Parameters
     ----------
-    laid : (planes, columns, rows + margin) float32 array
+    shape : (int, int, int)
+        Planes, columns, and rows and margin of the laid field.
     tops : (array, array)
         As `stretches` returns them for ``d``.
     d : sweep.Direction
@@ -155,7 +156,7 @@ def way(laid, tops, d, curve: float, edges, weight, distance, y: float = 0.0, x:
     y, x : float
         Row and column of the receivers in their cells.
     """
-    size, stride = laid[0].size, laid.shape[2]
+    size, stride = shape[1] * shape[2], shape[2]
     first, second = (edges[:, e].astype(np.int64) @ [size, 1, stride] for e in (slice(0, 3), slice(3, 6)))
     first, second, weight = _from_nearer(first, second, weight)
     k = np.arange(int(np.ceil(distance[-1] + x)) + 3 if len(distance) else 3)
@@ -331,7 +332,7 @@ def horizons(laid, d, curve: float = 0.0, reach: int | None = None, tally=None) 
     out = np.full(laid.shape[1:], -np.inf, np.float32)
     out[:, rows:] = np.inf
     if reach > 0:
-        looked = steepest(laid, way(laid, stretches(laid, d), d, curve, *march.edges(d, reach)), laid[0], out, rows)
+        looked = steepest(laid, way(laid.shape, stretches(laid, d), d, curve, *march.edges(d, reach)), laid[0], out, rows)
         if tally is not None:
             tally.append(looked)
     return out[:, :rows]

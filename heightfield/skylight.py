@@ -143,7 +143,7 @@ def _even_to_facets(laid, horizon, facets, toward, shares, out):
     # ``shares``: radiance times the sector's width, by channel
     heights, seen, sums, strips = laid.ravel(), horizon.ravel(), out.ravel(), horizon.shape[1] // LANES
     (places, per_east, per_south), (east, north) = facets, toward
-    edges, beside = edges_of(places, laid)
+    edges, beside = edges_of(places, laid[0].size, laid.shape[2])
     for t in nb.prange(strips):
         _even_strip(
             *(heights, laid.shape[2], laid.shape[1] - 1, shares, east, north, per_east, per_south),

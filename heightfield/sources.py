@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import warnings
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -16,7 +17,13 @@ FEET = {"ft": 0.3048, "foot": 0.3048, "feet": 0.3048, "us survey foot": 1200 / 3
 
 
 def read(path: Path):
-    """Read heights, what the file says of them, and its georeference.
+    """Read heights, what the file says of them, and its georeference; as `opened` returns them, but all heights."""
+    heights, *what = opened(path)
+    return heights[:, :] if isinstance(heights, Raster) else heights, *what
+
+
+def opened(path: Path):
+    """Open a file of heights, what it says of them, and its georeference.
 
     Parameters
     ----------
@@ -27,7 +34,8 @@ def read(path: Path):
 
     Returns
     -------
-    heights : (rows, columns) array
+    heights : (rows, columns) array or Raster
+        Of a .npy and a .tif on the disk still: a part is read when it is asked for.
     options : dict
         ``spacing`` and ``nodata``, where the file has them.
     georeference : dict or None
@@ -79,7 +87,8 @@ def _starts(path, *magic):
 
 def _npy(path):
     _starts(path, b"\x93NUMPY")
-    return np.load(path, allow_pickle=False), {}, None
+    # Read from the disk where and when it is needed: it may be larger than memory
+    return np.load(path, allow_pickle=False, mmap_mode="r"), {}, None
 
 
 def _npz(path):
@@ -138,13 +147,8 @@ def _tif(path):
             t = file.transform
             if t.b or t.d:
                 raise InputError(f"'{path}' must be north up (got a rotated raster): warp it, with gdalwarp for example")
-            try:
-                values = np.ma.filled(file.read(1, masked=True).astype(np.float64), np.nan)
-            except rasterio.errors.RasterioIOError:
-                raise InputError(f"'{path}' cannot be read as a height map: it is damaged or cut short") from None
             # Stored numbers become metres
-            unit = FEET.get((file.units[0] or "").lower(), 1.0)
-            values = (values * file.scales[0] + file.offsets[0]) * unit
+            numbers = file.scales[0], file.offsets[0], FEET.get((file.units[0] or "").lower(), 1.0)
             dx, dy = abs(t.a), abs(t.e)
             if file.crs is not None and file.crs.is_geographic:
                 spacing = metres(dy, dx, (file.bounds.top + file.bounds.bottom) / 2)
@@ -154,7 +158,51 @@ def _tif(path):
             # Rows may run from south to north, columns from east to west
             turned = (-1 if t.e > 0 and t != rasterio.Affine.identity() else 1, -1 if t.a < 0 else 1)
             georeference = {"crs": file.crs, "transform": t, "turned": turned}
-    return values[:: turned[0], :: turned[1]], {"spacing": spacing}, georeference
+            heights = Raster(path, file.shape, turned, *numbers)
+    return heights, {"spacing": spacing}, georeference
+
+
+@dataclass(frozen=True)
+class Raster:
+    """Heights of a GeoTIFF, read when they are asked for: ``raster[10:20, 30:50]``, north up, in metres.
+
+    Attributes
+    ----------
+    path : Path
+    shape : (int, int)
+        Rows and columns.
+    turned : (int, int)
+        Steps that turn its rows and columns north up.
+    scale, offset, unit : float
+        That make metres of the numbers stored.
+    """
+
+    path: Path
+    shape: tuple[int, int]
+    turned: tuple[int, int]
+    scale: float
+    offset: float
+    unit: float
+
+    @property
+    def size(self) -> int:
+        """How many heights there are."""
+        return self.shape[0] * self.shape[1]
+
+    def __getitem__(self, window):
+        import rasterio
+
+        # Rows and columns as they are stored
+        stored = [range(n)[::step][w] for n, step, w in zip(self.shape, self.turned, window, strict=True)]
+        window = tuple((min(r[0], r[-1]), max(r[0], r[-1]) + 1) for r in stored)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", rasterio.errors.NotGeoreferencedWarning)
+            with rasterio.open(self.path) as file:
+                try:
+                    values = np.ma.filled(file.read(1, masked=True, window=window).astype(np.float64), np.nan)
+                except rasterio.errors.RasterioError:
+                    raise InputError(f"'{self.path}' cannot be read as a height map: it is damaged or cut short") from None
+        return ((values * self.scale + self.offset) * self.unit)[:: self.turned[0], :: self.turned[1]]
 
 
 def read_map(path: Path) -> np.ndarray:

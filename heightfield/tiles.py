@@ -7,16 +7,16 @@ from collections.abc import Iterator
 import numpy as np
 
 from ..errors import InputError
-from .check import grid, number, spacing_of
+from .check import grid, known, number, spacing_of
 from .field import HeightField
 
 
-def tiles(heights, spacing=1.0, *, radius: float, size: int = 2048, **options) -> Iterator[tuple]:
+def tiles(heights, spacing=1.0, *, radius: float, size: int = 2048, bounces: int = 0, **options) -> Iterator[tuple]:
     """Cut a height map into tiles with a halo.
 
     Whatever is computed on a tile within its window equals what the whole field with the same ``radius`` gives there, but for
-    rounding: nothing farther than ``radius`` is looked at. Light of several bounces travels ``radius`` a bounce, so ask for
-    ``radius`` · (bounces + 1) where that matters.
+    rounding: nothing farther than ``radius`` is looked at. Two things are a tile's own: unknown points take the nearest known
+    height of their tile, and tiles that know no height are left out.
 
     Parameters
     ----------
@@ -28,6 +28,8 @@ def tiles(heights, spacing=1.0, *, radius: float, size: int = 2048, **options) -
         Metres that a point looks; the halo's width.
     size : int
         Rows and columns of a tile without its halo.
+    bounces : int
+        Reflections on light's way to a receiver: it comes from as many times ``radius`` farther away, so the halo is wider.
     **options
         As for `HeightField`.
 
@@ -54,11 +56,11 @@ def tiles(heights, spacing=1.0, *, radius: float, size: int = 2048, **options) -
     radius, size = number("radius", radius, 0.0, open_low=True), int(number("size", size, 1, whole=True))
     if not hasattr(heights, "shape"):
         heights = grid("heights", heights)
-    shape = heights.shape
+    bounces, shape = int(number("bounces", bounces, 0, 1000, whole=True)), heights.shape
     if len(shape) != 2 or 0 in shape:
         raise InputError(f"'heights' must be a two-dimensional array of rows and columns (got shape {shape})")
     # One sample more than the radius: rays cross cells, and normals take differences
-    halo = int(np.ceil(radius / dy)) + 2, int(np.ceil(radius / dx)) + 2
+    halo, some = [(int(np.ceil(radius / step)) + 2) * (bounces + 1) for step in (dy, dx)], False
     for top in range(0, shape[0], size):
         for left in range(0, shape[1], size):
             window, outer, inner = [], [], []
@@ -68,5 +70,9 @@ def tiles(heights, spacing=1.0, *, radius: float, size: int = 2048, **options) -
                 window.append(slice(start, stop))
                 outer.append(slice(first, min(stop + extra, length)))
                 inner.append(slice(start - first, stop - first))
-            piece = np.asarray(heights[tuple(outer)])
-            yield tuple(window), HeightField(piece, (dy, dx), radius=radius, **options), tuple(inner)
+            piece = grid("heights", heights[tuple(outer)])
+            if known(piece, options.get("nodata")).any():
+                some = True
+                yield tuple(window), HeightField(piece, (dy, dx), radius=radius, **options), tuple(inner)
+    if not some:
+        raise InputError("'heights' must have at least one known height (got none: all are nodata or not finite)")

@@ -9,9 +9,10 @@ from __future__ import annotations
 import numpy as np
 
 from ..errors import InputError
-from . import light, pointlight, points
+from . import device, light, pointlight, points
 from .faces import cornered, corners, fit, inside, mean, spots, triangle_normals
 from .passes import Passes
+from .passes_device import DevicePasses
 from .skylight import add_sky, sky_table
 from .surface import normals, refine
 from .sweep import packed
@@ -65,7 +66,7 @@ def irradiance(
         own, spots = points.interpolated(at, field.valid, n)[1], points.standing(field.heights, at)
     e = np.zeros((channels, *own.shape[1:]), dtype=np.float32)
     if apart and sparse > 1:
-        e += Passes(field, n, 1, 0.0, sparse).gathered(False, azimuths, tables=tables, step=step)
+        e += passes_of(field, n, 1, 0.0, sparse).gathered(False, azimuths, tables=tables, step=step)
     elif apart:
         tangents = field._tangents(azimuths, method)
         width = 2 * np.pi / len(azimuths)
@@ -83,7 +84,7 @@ def irradiance(
     # Light of the triangles at their corners, a bounce at a time; what unknown points would send is left out
     s = supersampling
     facing = triangle_normals(field.heights - field.centre, field.spacing, s)
-    triangles = Passes(field, n, s, tolerance, sparse)
+    triangles = passes_of(field, n, s, tolerance, sparse)
     known = mean(field.valid | (field.policy == "fill"), s)[:, None] > 1 - 1e-6
 
     def sent(image):
@@ -104,6 +105,12 @@ def irradiance(
     if at is not None:
         return e + pointlight.arriving(field, spots, own, azimuths, tables, radiance, s, step)
     return e + triangles.gathered(False, azimuths, radiance, None if apart else tables, step)
+
+
+def passes_of(field, n, s: int, *how) -> Passes:
+    """Return `Passes`, on a GPU if there is one and the field is large enough; parameters as `Passes` has them."""
+    backend = device.chosen(tuple(s * size for size in field.heights.shape))
+    return Passes(field, n, s, *how) if backend is None else DevicePasses(backend, field, n, s, *how)
 
 
 def _lamplight(field, lamps, facing, channels: int, s: int) -> np.ndarray:

@@ -148,6 +148,90 @@ def test_supersampling(here):
         assert (expected != field.irradiance(20.0, SUN, 0.4, bounces=1, azimuths=6)).any()
 
 
+@pytest.mark.parametrize("suffix", [".npz", ".tif"])
+def test_tiles(here, capsys, suffix):
+    """A tile at a time, everything comes out as it does of the whole field, but for rounding."""
+    heights = make("fractal", 50, seed=1)
+    heights[30:, 38:] = np.nan
+    np.save("dem.npy", heights)
+    words = ("dem.npy", "--spacing", "2,1", "--radius", 6, "--products", "irradiance,skyview,horizons,shadow", *LIGHT)
+    assert run(*words, "-o", "whole.npz") == 0
+    assert "points without data 240" in capsys.readouterr().out
+    before = set(here.iterdir())
+    assert run(*words, "--tile", 20, "-o", f"tiled{suffix}") == 0
+    assert set(here.iterdir()) - before == {here / f"tiled{suffix}"}
+    printed = capsys.readouterr().out
+    assert "points without data 240" in printed and printed.count("by the naive method") == 4
+    with np.load("whole.npz") as whole:
+        layers = {"irradiance": whole["irradiance"][..., 0], "skyview": whole["skyview"], "shadow": whole["shadow"]}
+        layers |= {f"horizons.{60 * n:03d}.0": h for n, h in enumerate(whole["horizons"])}
+    if suffix == ".npz":
+        with np.load("tiled.npz") as data:
+            found = {n: data[n] for n in ("skyview", "shadow")} | {"irradiance": data["irradiance"][..., 0]}
+            found |= {f"horizons.{60 * n:03d}.0": h for n, h in enumerate(data["horizons"])}
+    else:
+        rasterio = pytest.importorskip("rasterio")
+        with rasterio.open("tiled.tif") as file:
+            found = dict(zip(file.descriptions, file.read(), strict=True))
+    assert set(found) == set(layers)
+    for name, values in layers.items():
+        # A sun's disk is narrow: shadows are its rounding's two hundred times
+        np.testing.assert_allclose(found[name], values, rtol=1e-4, atol=3e-5, err_msg=name)
+
+
+@pytest.mark.parametrize("south_up, east_left", [(False, False), (True, False), (True, True)])
+def test_tiles_of_a_geotiff(here, south_up, east_left):
+    """Read a tile at a time, however its rows and columns run, in metres; and written as they run."""
+    rasterio = pytest.importorskip("rasterio")
+    stored = np.arange(15 * 22).reshape(15, 22).astype(np.int16) ** 2 % 97
+    place = rasterio.Affine(-10 if east_left else 10, 0, 5e5, 0, 10 if south_up else -10, 5e6)
+    profile = {"count": 1, "height": 15, "width": 22, "dtype": "int16", "crs": "EPSG:32633", "nodata": stored[4, 5]}
+    with rasterio.open("dem.tif", "w", driver="GTiff", transform=place, **profile) as file:
+        file.write(stored[None])
+        file.scales, file.offsets, file.units = [2.0], [100.0], ["ft"]
+    words = ("dem.tif", "--radius", 35, "--products", "skyview", "--azimuths", 5)
+    assert run(*words, "-o", "whole.tif") == 0 and run(*words, "--tile", 8, "-o", "tiled.tif") == 0
+    with rasterio.open("whole.tif") as whole, rasterio.open("tiled.tif") as tiled:
+        assert tiled.transform == place
+        np.testing.assert_allclose(tiled.read(1), whole.read(1), atol=2e-6)
+
+
+def test_a_geotiff_cut_short(here, capsys):
+    rasterio = pytest.importorskip("rasterio")
+    profile = {"count": 1, "height": 90, "width": 90, "dtype": "float32", "transform": rasterio.Affine(5, 0, 0, 0, -5, 0)}
+    with rasterio.open("dem.tif", "w", driver="GTiff", blockysize=1, **profile) as file:
+        file.write(np.random.default_rng(0).uniform(size=(1, 90, 90)).astype(np.float32))
+    whole = (here / "dem.tif").read_bytes()
+    (here / "dem.tif").write_bytes(whole[: len(whole) * 3 // 4])
+    before = set(here.iterdir())
+    for words in ((), ("--tile", 20)):
+        assert run("dem.tif", "--radius", 3, "--products", "skyview", "--azimuths", 2, *words) == 2
+        printed = capsys.readouterr().err
+        assert "damaged or cut short" in printed and printed.count("\n") == 1 and set(here.iterdir()) == before
+
+
+def test_a_tile_without_data(here):
+    heights = make("fractal", 40, seed=1)
+    heights[:, 15:] = np.nan
+    np.save("dem.npy", heights)
+    words = ("dem.npy", "--radius", 3, "--products", "skyview", "--azimuths", 4)
+    assert run(*words, "-o", "whole.npz") == 0 and run(*words, "--tile", 10, "-o", "tiled.npz") == 0
+    with np.load("whole.npz") as whole, np.load("tiled.npz") as tiled:
+        np.testing.assert_allclose(tiled["skyview"], whole["skyview"], atol=2e-6)
+
+
+def test_an_interruption_drops_a_product_whose_tiles_are_not_all_there(here, capsys, monkeypatch):
+    dem()
+    interrupt(monkeypatch, "horizons", 2)
+    words = ("dem.npz", "--radius", 5, "--tile", 12, "--products", "skyview,horizons", "--azimuths", 3)
+    before = set(here.iterdir())
+    assert run(*words, "-o", "out.npz") == 130 and set(here.iterdir()) - before == {here / "out.npz"}
+    with np.load("out.npz") as data:
+        assert set(data) == {"skyview", "spacing"}
+    interrupt(monkeypatch, "skyview", 2)
+    assert run(*words, "-o", "none.npz") == 130 and not (here / "none.npz").exists()
+
+
 def test_a_preview(here, capsys):
     import mitsuba as mi
 
@@ -201,6 +285,10 @@ REFUSED = [
     (("dem.npz", "--nodata", "none"), "nodata"),
     (("dem.npz", "--nodata-policy", "ignore"), "'nodata_policy' must be one of fill, transparent, block"),
     *[(("dem.npz", "--radius", r), "radius") for r in ("0", "-2", "nan", "far")],
+    *[(("dem.npz", "--radius", "5", "--tile", n), "tile") for n in ("0", "-1", "2.5", "x")],
+    (("dem.npz", "--tile", "8"), "add --radius"),
+    (("dem.npz", "--radius", "-5", "--tile", "8"), "radius"),
+    (("dem.npz", "--radius", "5", "--tile", "8", "--nodata-policy", "ignore"), "nodata_policy"),
     *[(("sine", "--size", n), "must be|size") for n in ("0", "-4", "x")],
     *[(("dem.npz", "-o", o), "'output' must end in") for o in ("out", "out.jpg", "out.npy")],
     (("dem.npz", "-o", "folder.tif"), "'output' must be a file"),

@@ -108,6 +108,28 @@ def test_tiles_equal_the_whole():
     np.testing.assert_allclose(light, whole.irradiance(bounces=0, azimuths=12)[..., 0], atol=1e-5)
 
 
+def test_tiles_that_light_reaches_after_bounces():
+    h = 4 * make("random", 60, seed=4)
+    light = dict(sky=1.0, sun=(1.0, 0.6, 3.0), albedo=0.8, bounces=2, azimuths=8)
+    whole, found = HeightField(h, radius=3.0).irradiance(**light), np.full((60, 60, 1), np.nan)
+    narrow = found.copy()
+    for bounces, out in ((2, found), (0, narrow)):
+        for window, tile, inner in tiles(h, radius=3.0, size=30, bounces=bounces):
+            out[window] = tile.irradiance(**light)[inner]
+    np.testing.assert_allclose(found, whole, rtol=1e-5)
+    assert np.abs(narrow / whole - 1).max() > 1e-4
+
+
+def test_tiles_know_what_is_masked_and_leave_out_what_is_unknown():
+    h = np.ma.masked_less(np.arange(40.0) * np.ones((20, 1)), 25)
+    (window, tile, _), = tiles(h, radius=2.0, size=20)
+    assert window[1] == slice(20, 40) and (~tile.valid).sum() == tile.valid.size - 20 * 15
+    (window, *_), = tiles(np.asarray(h) // 25, radius=2.0, size=20, nodata=0)
+    assert window[1] == slice(20, 40)
+    with pytest.raises(InputError, match="at least one known height"):
+        next(tiles(np.full((9, 9), np.nan), radius=2.0, size=3))
+
+
 def test_tiles_read_a_memory_map_piece_by_piece(tmp_path):
     path = tmp_path / "dem.npy"
     np.save(path, make("sine", 40).astype(np.float32))
@@ -117,7 +139,9 @@ def test_tiles_read_a_memory_map_piece_by_piece(tmp_path):
     assert tile.heights.shape == (26, 26)
 
 
-@pytest.mark.parametrize("settings", [{"radius": 0}, {"radius": 5, "size": 0}, {"radius": 5, "spacing": -1}])
+@pytest.mark.parametrize(
+    "settings", [{"radius": 0}, {"radius": 5, "size": 0}, {"radius": 5, "spacing": -1}, {"radius": 5, "bounces": -1}]
+)
 def test_tiles_refused(settings):
     with pytest.raises(InputError):
         next(tiles(np.zeros((4, 4)), **settings))

@@ -54,7 +54,7 @@ def test_stretches_are_as_high_as_what_rays_meet_there(azimuth, y, x):
     edges = np.zeros((len(offset), 6), int)
     edges[:, [1, 2, 4, 5]] = offset
     tops = skip.stretches(laid, d)
-    way = skip.way(laid, tops, d, 0.0, edges, weight, distance, y, x)
+    way = skip.way(laid.shape, tops, d, 0.0, edges, weight, distance, y, x)
     stride, tested = laid.shape[2], 0
     for row, column in [(0, 0), (3, 5), (40, 17), (80, 130)]:
         for level, size in enumerate(skip.SIZES):
