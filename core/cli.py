@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import os
+import re
 import shlex
 import sys
 from collections.abc import Sequence
@@ -33,10 +34,10 @@ def main(argv: Sequence[str] | None = None) -> int:
         130 interrupted.
     """
     words = list(sys.argv[1:] if argv is None else argv)
-    # An azimuth below zero is no option
-    while "--sun" in words[:-1]:
-        at = words.index("--sun")
-        words[at : at + 2] = [f"--sun={words[at + 1]}"]
+    # A number below zero is no option, however it is written: --sun -135,30,900 or --nodata -3.4e38
+    for at in range(len(words) - 1, 0, -1):
+        if re.match(r"--[^=]+$", words[at - 1]) and re.match(r"-\.?\d", words[at]):
+            words[at - 1 : at + 1] = [f"{words[at - 1]}={words[at]}"]
     try:
         options = _parser().parse_args(words)
         code = _run(options, shlex.join(["intervis", *words]))

@@ -17,12 +17,13 @@ PACKAGES = (
     llvm.PACKAGE,
     "numpy",
     "scipy",
+    "numba",
     "OpenEXR",
     "colour-science",
     "flip-evaluator",
     "rich",
 )
-OPTIONAL = {"matplotlib": "plots of the benchmarks", "scikit-learn": "training the classifiers"}
+OPTIONAL = {"matplotlib": "plots of the benchmarks", "rasterio": "GeoTIFF", "scikit-learn": "training the classifiers"}
 
 # A render in a process of its own: a bad LLVM aborts the process, and one variant must not disturb the next.
 _PROBE = """

@@ -15,6 +15,7 @@ from .decide import weight_of_pilot
 from .order import Order
 
 BATCH = 1 << 22  # most hits a launch: 32 MiB of lane lists
+MOVING = ("to_world", "vertex_positions", "x_fov", "principal_point_offset_x", "principal_point_offset_y")
 RATE = 1.5  # variance of stratified hits falls as their number to this power
 
 
@@ -33,8 +34,27 @@ class Clock:
 
 
 def refuse_gradients(scene) -> None:
-    """Say clearly that a plain ``render`` call returns no gradient, instead of returning zero."""
-    if not dr.flag(dr.JitFlag.SymbolicScope) and any(dr.grad_enabled(v) for _, v in mi.traverse(scene)):
+    """Say clearly where gradients would be missing, instead of returning zero.
+
+    A plain ``render`` call has none. Where shapes or the camera move, none of the edges' share would be in them.
+    """
+    if dr.flag(dr.JitFlag.SymbolicScope):
+        return
+    parameters = mi.traverse(scene)
+    # Not by iterating, which Mitsuba refuses where a parameter is None (hair)
+    values = {
+        name: (value if kind is None else parameters.get_property(value, kind, node), node)
+        for name, (value, kind, node, _) in parameters.properties.items()
+    }
+    # Inside mi.render gradients are suspended
+    with dr.resume_grad():
+        moved = [n for n, (v, node) in values.items() if n.split(".")[-1] in MOVING and _placed(node) and dr.grad_enabled(v)]
+    if moved:
+        raise InputError(
+            f"'{moved[0]}' moves edges, which gradients here do not see: render with Mitsuba's direct_projective, or keep it "
+            "without gradient"
+        )
+    if any(dr.grad_enabled(v) for v, _ in values.values()):
         raise InputError(
             "'scene' has parameters with gradients enabled, which integrator.render() cannot track: "
             "call mi.render(scene, params, integrator=...) instead"
@@ -59,8 +79,8 @@ def batches(hits, rays):
     alike = [dr.compress(hits == (1 << h)) for h in reversed(range(most.bit_length()))]
     pixel = dr.concat([a for a in alike if dr.width(a)])
     hits, rays = dr.gather(mi.UInt32, hits, pixel), dr.gather(mi.UInt32, rays, pixel)
-    ends = dr.cumsum(hits)
-    bounds = np.array(ends, dtype=np.int64)
+    # In 64 bits: large films at many samples have more hits than 32 bits count
+    bounds = np.cumsum(np.array(hits), dtype=np.int64)
     order = Order()
     start = 0
     while start < len(bounds):
@@ -68,9 +88,8 @@ def batches(hits, rays):
         done = int(bounds[start - 1]) if start else 0
         stop = max(int(np.searchsorted(bounds, done + BATCH, side="right")), start + 1)
         some = dr.arange(mi.UInt32, stop - start) + dr.opaque(mi.UInt32, start)
-        columns = [dr.gather(mi.UInt32, column, some) for column in (pixel, hits, rays, ends)]
-        columns[3] -= dr.opaque(mi.UInt32, done)
-        yield _numbered(*columns, order, int(bounds[stop - 1]) - done)
+        columns = [dr.gather(mi.UInt32, column, some) for column in (pixel, hits, rays)]
+        yield _numbered(*columns, dr.cumsum(columns[1]), order, int(bounds[stop - 1]) - done)
         start = stop
 
 
@@ -85,6 +104,10 @@ def _numbered(pixel, hits, rays, end, order, count):
         k += 1
     dr.eval(lanes, numbers)
     return lanes, numbers
+
+
+def _placed(node) -> bool:
+    return isinstance(node, (mi.Shape, mi.Sensor))
 
 
 class Totals:
@@ -157,6 +180,14 @@ class Totals:
         extra = [self.block.tensor()] if self.block is not None else []
         counts = [self.traced, self.spared, self.reflected]
         dr.eval(self.first, self.second, self.bright, self.straight, self.alpha, counts, *extra)
+
+    def change(self, difference) -> None:
+        """Add a difference to every pixel's colour; a wide filter sees it at the pixel's middle."""
+        if self.block is not None:
+            middle = self.frame.corner(dr.arange(mi.UInt32, self.frame.pixels)) + 0.5
+            rest = [mi.Float(0)] * (self.block.channel_count() - 3)
+            self.block.put(mi.Point2f(middle), [difference.x, difference.y, difference.z, *rest])
+            dr.eval(self.block.tensor())
 
     def _pilot(self):
         value = self.pilot.value + self.decision.mean * self.pilot.control + self.pilot.emission

@@ -26,6 +26,12 @@ class Frame:
         self.pixels = self.width * self.height
         self.lens = sensor.needs_aperture_sample()
         self.shutter = sensor.shutter_open_time()
+        self.sample = sensor.sample_ray
+        try:
+            self.ray(mi.Point2f(0.5))
+        except RuntimeError:
+            # An irradiance meter has only this
+            self.sample = sensor.sample_ray_differential
 
     def traverse(self, callback):  # noqa: D102
         pass
@@ -63,7 +69,7 @@ class Frame:
     def ray(self, position, lens=(0.5, 0.5), time=0.0, wavelength=0.0):
         """Primary ray and its weight through a film position, in pixels."""
         scaled = (position - mi.Vector2f(self.offset)) / mi.Vector2f(self.crop)
-        return self.sensor.sample_ray(time, wavelength, scaled, mi.Point2f(lens))
+        return self.sample(time, wavelength, scaled, mi.Point2f(lens))
 
 
 def scramble(index, seed, salt: int) -> list:

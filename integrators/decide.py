@@ -118,6 +118,8 @@ def decide(pilot, frame, classifier: str, grid: int, named: bool, refinement: bo
     # Where nothing can stand in the way there is no doubt, and rays that were planned are spared
     light -= proven * doubt
     error = dr.sqrt((camera + light / dr.power(mi.Float(rays), 1.3)) / (level * level + 0.01))
+    # A film of one pixel has no neighbours to tell
+    error = dr.select(sums[7] > 0, error, 1)
     return Decision(label, guess, mask, mean, refine, rays, error, near_seen[2:], near_tried[2:])
 
 

@@ -15,6 +15,10 @@ from .rectangle import rectangle_of, uniform
 CLOSE = 0.35  # distance to a light, over its radius, below which light samples alone may be too bright: they go as 1/d²
 COUNTED_LIGHTS = 16  # with more lights than this, their visibility is not told apart
 _REFERENCE_SAMPLES = 256
+# Luminance of a spectrum of ones: the integral of the CIE's y over wavelengths in nm
+_WHITE = 106.85689
+# Share of the brightest light's power that a light gets, at least, whose surface is not equally bright all over
+_DIMMEST = 1e-3
 # Farther than any scene, with a square that float32 still holds
 _BEYOND = 1e18
 
@@ -64,6 +68,11 @@ class Lights:
     groups: object = None
 
     @property
+    def power(self) -> np.ndarray:
+        """Brightness of each light, as ``table`` has it: (count,) float32."""
+        return np.array(self.table).reshape(-1, 12)[:, 8]
+
+    @property
     def alone(self) -> bool:
         """Whether all lights are of one emitter."""
         return all(e is self.emitters[0] for e in self.emitters)
@@ -102,18 +111,34 @@ def _numbers(pointers):
     return mi.UInt32(table)
 
 
-def _mean_radiance(emitter, shape) -> float:
-    # Average luminance over the surface: textures, spectra and meshes alike are simply looked at
-    u = mi.Point2f(dr.meshgrid(*[(dr.arange(mi.Float, 16) + 0.5) / 16] * 2))
-    position = shape.sample_position(0.0, u)
-    si = dr.zeros(mi.SurfaceInteraction3f, _REFERENCE_SAMPLES)
-    si.p, si.n, si.uv, si.wi = position.p, position.n, position.uv, mi.Vector3f(0, 0, 1)
-    si.t, si.sh_frame = mi.Float(1), mi.Frame3f(position.n)
-    if mi.is_spectral:
-        si.wavelengths, _ = mi.sample_rgb_spectrum(mi.sample_shifted(mi.Float(0.5)))
-    value = np.array(mi.luminance(emitter.eval(si), si.wavelengths))
-    mean = float(np.mean(value[np.isfinite(value)])) if np.isfinite(value).any() else 0.0
-    return max(mean, 0.0)
+def _leaving(emitter, count: int) -> tuple | None:
+    # Rays that a light sends out and their weights, drawn where it is bright: a few texels, a spectral line, a narrow beam.
+    # None for plugins that cannot send any
+    i = dr.arange(mi.UInt32, count)
+    u = [mi.Float(i) * (1 / count) + 0.5 / count]
+    for base in (2, 3, 5, 7):
+        # Halton's points
+        x, rest = mi.Float(0), mi.UInt32(i)
+        for k in range(1, 11):
+            x, rest = x + mi.Float(rest % base) / base**k, rest // base
+        u.append(dr.minimum(x, 1 - 2**-20))
+    try:
+        return emitter.sample_ray(0.0, u[0], mi.Point2f(u[1], u[2]), mi.Point2f(u[3], u[4]))
+    except Exception:
+        return None
+
+
+def _luminance(value, wavelengths) -> np.ndarray:
+    # Of light whose weight counts the density of its wavelengths; 0 where it is no number
+    scale = 1 / _WHITE if mi.is_spectral else 1.0
+    y = np.array(mi.luminance(value, wavelengths), dtype=np.float64) * scale
+    return np.where(np.isfinite(y), np.maximum(y, 0), 0)
+
+
+def _radiance_times_area(emitter, area: float) -> float:
+    # Over the light's surface: textures, spectra and meshes alike are simply looked at
+    leaving = _leaving(emitter, _REFERENCE_SAMPLES)
+    return area if leaving is None else float(np.mean(_luminance(leaving[1], leaving[0].wavelengths))) / np.pi
 
 
 def bounds(scene) -> tuple[np.ndarray, np.ndarray]:
@@ -139,31 +164,35 @@ def _brightness_elsewhere(emitter, scene) -> tuple[np.ndarray, float, float]:
     lower, upper = bounds(scene)
     centre, size = 0.5 * (lower + upper), max(float(np.linalg.norm(upper - lower)), 1e-6)
     position, value, distance = _probe(emitter, np.repeat(centre[:, None], 64, axis=1))
-    far = emitter.is_environment() or bool(np.max(distance) > 2.0 * size) or not np.all(np.isfinite(distance))
-    if far:
+    # A sun has no place: seen from a wrong one it would be below horizons above which it stands
+    if mi.has_flag(emitter.flags(), mi.EmitterFlags.Infinite) or not np.all(np.isfinite(distance)):
         return centre, -1.0, max(float(np.mean(value)), 1e-6)
-    # A spot may miss the scene's middle: its intensity is the largest that it has in any direction
+    # A spot may miss the scene's middle: its intensity is looked at along rays that it sends, and counts as its root mean
+    # square over all directions, so that a narrow beam does not draw the rays of all that it misses
     place = position[:, 0]
-    k = np.arange(1024) + 0.5
-    z, turn = 1 - k / 512, k * (np.pi * (3 - np.sqrt(5)))
-    sphere = np.stack([np.sqrt(1 - z * z) * np.cos(turn), np.sqrt(1 - z * z) * np.sin(turn), z])
-    _, value, distance = _probe(emitter, place[:, None] + size * sphere)
-    return place, 0.0, max(float(np.max(value * distance**2)), 1e-6)
+    leaving = _leaving(emitter, 1024)
+    if leaving is None:
+        return place, 0.0, max(float(np.max(value * distance**2)), 1e-6)
+    ray, flux = leaving
+    _, value, distance = _probe(emitter, place[:, None] + size * np.array(ray.d, dtype=np.float64))
+    square = np.mean(value * distance**2 * _luminance(flux, ray.wavelengths)) / (4 * np.pi)
+    return place, 0.0, max(float(np.sqrt(square)), 1e-6)
 
 
 def _probe(emitter, points: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     # Sample a light from some points: where it is seen, how bright, and how far
     it = dr.zeros(mi.Interaction3f, points.shape[1])
     it.p = mi.Point3f(points.astype(np.float32))
-    if mi.is_spectral:
-        it.wavelengths, _ = mi.sample_rgb_spectrum(mi.sample_shifted(mi.Float(0.5)))
     i = dr.arange(mi.UInt32, points.shape[1])
+    share = mi.Spectrum(1)
+    if mi.is_spectral:
+        it.wavelengths, share = mi.sample_rgb_spectrum(mi.sample_shifted((mi.Float(i) + 0.5) / points.shape[1]))
     u = mi.Point2f((mi.Float(i % 8) + 0.5) / 8, (mi.Float((i // 8) % 8) + 0.5) / 8)
     ds, weight = emitter.sample_direction(it, u, True)
-    value = np.broadcast_to(np.array(mi.luminance(weight, it.wavelengths)), points.shape[1])
+    value = np.broadcast_to(_luminance(weight * share, it.wavelengths), points.shape[1])
     distance = np.broadcast_to(np.array(ds.dist, dtype=np.float64), points.shape[1])
     place = np.broadcast_to(np.array(ds.p, dtype=np.float64), points.shape)
-    return place, np.where(np.isfinite(value), value, 0.0), distance
+    return place, value, distance
 
 
 def _bounds_of(shape, emitter) -> tuple[np.ndarray, float, float]:
@@ -172,14 +201,12 @@ def _bounds_of(shape, emitter) -> tuple[np.ndarray, float, float]:
     surface = shape.surface_area()
     surface = float(surface[0] if dr.width(surface) else 0.0) if not np.isscalar(surface) else float(surface)
     radius = 0.5 * float(np.linalg.norm(np.array(box.extents())))
-    return np.array(box.center(), dtype=np.float64), radius, _mean_radiance(emitter, shape) * surface
+    return np.array(box.center(), dtype=np.float64), radius, _radiance_times_area(emitter, surface)
 
 
 def _parts_of(shape, emitter, most: int) -> tuple[list, np.ndarray]:
     """Groups of a mesh light's triangles and each triangle's group; none where it is to be sampled as a whole."""
-    if not shape.is_mesh() or not uniform(emitter) or most < 2:
-        return [], np.zeros(0, dtype=np.int64)
-    mesh = triangles(shape, _mean_radiance(emitter, shape))
+    mesh = triangles(shape) if shape.is_mesh() and uniform(emitter) and most > 1 else None
     if mesh is None:
         return [], np.zeros(0, dtype=np.int64)
     group = groups(mesh, min(LEVELS, most.bit_length() - 1))
@@ -199,7 +226,7 @@ def collect(scene) -> Lights:
     """
     emitters = list(scene.emitters())
     shapes = {s.emitter().id() + str(s.emitter().ptr): s for s in scene.shapes() if s.is_emitter()}
-    owner, rows, pieces, faces, start = [], [], [], [], []
+    owner, rows, pieces, faces, start, uneven = [], [], [], [], [], []
     rectangle = None
     for k, emitter in enumerate(emitters):
         start.append(len(owner))
@@ -220,11 +247,17 @@ def collect(scene) -> Lights:
                     middle, radius, mean, cone = part.bounds()
                     pieces.append((len(owner), part, whole))
                     owner.append(k)
-                    rows.append((*middle, *mean, cone, radius, part.radiance * part.area.sum()))
+                    rows.append((*middle, *mean, cone, radius, phi * part.area.sum() / whole))
                 if parts:
                     continue
         owner.append(k)
         rows.append((*c, *n, cone, r, phi))
+        if shape is not None and not uniform(emitter):
+            uneven.append(len(owner) - 1)
+    # What was bright may have been missed where a light differs from place to place
+    brightest = max((row[-1] for row in rows), default=0.0)
+    for l in uneven:
+        rows[l] = (*rows[l][:-1], max(rows[l][-1], _DIMMEST * brightest))
     return _arrays(scene, emitters, rectangle, owner, rows, pieces, faces, start)
 
 

@@ -26,18 +26,15 @@ class Triangles:
     corners, normals : ndarray, shape (N, 3, 3)
         Three points each, and the normals that Mitsuba interpolates between them.
     area : ndarray, shape (N,)
-    radiance : float
-        Mean luminance.
     """
 
     corners: np.ndarray
     normals: np.ndarray
     area: np.ndarray
-    radiance: float
 
     def part(self, index):
         """Triangles by their numbers."""
-        return Triangles(self.corners[index], self.normals[index], self.area[index], self.radiance)
+        return Triangles(self.corners[index], self.normals[index], self.area[index])
 
     def bounds(self):
         """Middle and radius of the bounding box's sphere, mean normal, and cosine of the cone around it that holds all."""
@@ -49,15 +46,8 @@ class Triangles:
         return 0.5 * (low + high), 0.5 * np.linalg.norm(high - low), mean, cone if cone > 0 else -1.0
 
 
-def triangles(mesh, radiance: float) -> Triangles | None:
-    """Return a mesh's triangles; None where a part of them is not finite or has no area.
-
-    Parameters
-    ----------
-    mesh : mi.Mesh
-    radiance : float
-        Mean luminance of what it emits.
-    """
+def triangles(mesh) -> Triangles | None:
+    """Return the triangles of a mesh (mi.Mesh); None where one of them is not finite or has no area."""
     parameters = mi.traverse(mesh)
     points = np.array(parameters["vertex_positions"], dtype=np.float64).reshape(-1, 3)
     faces = np.array(parameters["faces"], dtype=np.int64).reshape(-1, 3)
@@ -73,7 +63,7 @@ def triangles(mesh, radiance: float) -> Triangles | None:
         if not np.isfinite(size).all() or not (size > 0).all():
             return None
         normals /= size
-    return Triangles(corners, -normals if mesh.has_flipped_normals() else normals, 0.5 * double, radiance)
+    return Triangles(corners, -normals if mesh.has_flipped_normals() else normals, 0.5 * double)
 
 
 def groups(mesh: Triangles, levels: int = LEVELS) -> np.ndarray:

@@ -16,6 +16,7 @@ from .camera import Frame
 from .decide import allocate, decide
 from .shading import prepare
 
+MOST = 2**31 - 1  # of rays in a pixel, and samples
 CLASSIFIERS = ("mlp", "svm", "threshold")
 PROBED = 4  # samples a pixel from which a second hit is looked at
 AOVS = ["visibility.class", "visibility.fraction", "rays.shadow", "error.R", "error.G", "error.B"]
@@ -28,12 +29,20 @@ def choice(name: str, value, allowed) -> str:
     return value
 
 
-def number(name: str, value, low, high=None):
-    """Return ``value`` if it lies in [low, high]; say so clearly otherwise."""
-    if not (value >= low and (high is None or value <= high)):
+def number(name: str, value, low, high=None, whole=True):
+    """Return ``value`` if it is a number, a whole one by default, in [low, high]; say so clearly otherwise."""
+    real = isinstance(value, (int, float)) and not isinstance(value, bool)
+    if not (real and value >= low and (high is None or value <= high) and (not whole or value == int(value))):
         bound = f">= {low}" if high is None else f"in [{low}, {high}]"
-        raise InputError(f"'{name}' must be {bound} (got {value})")
-    return value
+        raise InputError(f"'{name}' must be {'a whole' if whole else 'a'} number {bound} (got {value})")
+    return int(value) if whole else float(value)
+
+
+def switch(name: str, value) -> bool:
+    """Return ``value`` if it is a truth value; say so clearly otherwise."""
+    if isinstance(value, str) or value not in (False, True):
+        raise InputError(f"'{name}' must be true or false (got '{value}')")
+    return bool(value)
 
 
 def define(base):
@@ -69,11 +78,11 @@ def define(base):
             self.mode = choice("mode", props.get("mode", "unbiased"), ("unbiased", "consistent"))
             self.grid = number("light_grid", props.get("light_grid", 4), 2, 4)
             self.classifier = choice("classifier", props.get("classifier", "mlp"), CLASSIFIERS)
-            self.threshold = number("threshold", props.get("threshold", 0.0), 0.0)
+            self.threshold = number("threshold", props.get("threshold", 0.0), 0, whole=False)
             self.limited = "max_rays" in props
-            self.max_rays = number("max_rays", props.get("max_rays", 512), 1)
-            self.refine = props.get("refine", False)
-            self.aovs = props.get("aovs", False)
+            self.max_rays = number("max_rays", props.get("max_rays", 512), 1, MOST)
+            self.refine = switch("refine", props.get("refine", False))
+            self.aovs = switch("aovs", props.get("aovs", False))
             self.report = Report()
             props_depth = self._depth(props)
             super().__init__(props)
@@ -101,9 +110,9 @@ def define(base):
                 if not 0 <= sensor < len(scene.sensors()):
                     raise InputError(f"'sensor' must be below the scene's {len(scene.sensors())} sensors (got {sensor})")
                 sensor = scene.sensors()[sensor]
-            spp = spp or sensor.sampler().sample_count()
+            spp = number("spp", spp or sensor.sampler().sample_count(), 1, MOST)
             with dr.suspend_grad():
-                return self._render(scene, sensor, mi.UInt32(seed), int(spp))
+                return self._render(scene, sensor, mi.UInt32(seed), spp)
 
         def _render(self, scene, sensor, seed, spp):
             begin = time.perf_counter()
@@ -129,7 +138,7 @@ def define(base):
             decision = decide(look, frame, self.classifier, self.grid, self.aovs, self.refine and shading.lambert)
             dr.eval(vars(decision))
             budget = frame.pixels * max(2 * spp - 1 - pilot_rays - probe, 0) if shading.lights.count else 0
-            most = self.max_rays if self.limited else max(self.max_rays, 32 * spp)
+            most = self.max_rays if self.limited else min(max(self.max_rays, 32 * spp), MOST)
             allocate(decision, frame, seed, budget, most, pilot_rays, self.threshold)
             dr.eval(decision.hits, decision.pilot_weight)
             clock.lap("classification")
@@ -151,7 +160,9 @@ def define(base):
             clock.lap("refinement")
 
             if self.mode == "consistent" and shading.lights.count:
-                image = consistent.smooth(total, image)
+                smooth = consistent.smooth(total, image)
+                total.change(smooth - image)
+                image = smooth
                 clock.lap("filter")
             layers = total.layers(error) if self.aovs else []
             result = total.develop(image, layers)
@@ -182,7 +193,7 @@ def define(base):
             )
 
         def _gradients(self):
-            # Gradients are those of Mitsuba's path replay at the same depth: right inside, silent at silhouettes
+            # Gradients are those of Mitsuba's path replay at the same depth: right inside, blind to silhouettes
             return mi.load_dict(
                 {"type": "prb", "max_depth": self.depth, "rr_depth": self.rr_depth, "hide_emitters": self.hide_emitters}
             )
@@ -206,8 +217,8 @@ def define(base):
 
         def _depth(self, props):
             depth = props.get("max_depth", -1)
-            if depth < 2 and depth != -1:
-                raise InputError(f"'max_depth' must be -1 (no limit) or >= 2 (got {depth})")
+            if not isinstance(depth, int) or (depth < 2 and depth != -1):
+                raise InputError(f"'max_depth' must be -1 (no limit) or a whole number >= 2 (got {depth})")
             return depth
 
     return VisDirect, VisPath

@@ -132,6 +132,7 @@ def test_options_of_the_field(here):
         (("--radius", 4), {"radius": 4.0}),
         (("--nodata", heights[0, 0]), {"nodata": heights[0, 0]}),
         (("--nodata", "-9999"), {}),
+        (("--nodata", "-3.4e38"), {}),
         (("--curvature", "--spacing", "9000"), {"curvature": True, "spacing": 9000.0}),
     ):
         assert run("dem.npy", *words, *common) == 0

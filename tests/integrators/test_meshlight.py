@@ -39,7 +39,7 @@ def test_parts_hold_all_triangles_once(variant_llvm, tmp_path):
     from intervis.integrators.meshlight import PARTS, groups, triangles
 
     shape = mi.load_dict(ball(tmp_path / "ball.ply"))
-    mesh = triangles(shape, 1.0)
+    mesh = triangles(shape)
     group = groups(mesh)
     assert 8 <= group.max() + 1 <= PARTS and len(group) == shape.face_count()
     assert set(group) == set(range(group.max() + 1))
@@ -56,7 +56,7 @@ def test_no_importance_only_where_nothing_arrives(variant_llvm, tmp_path):
     from intervis.integrators.meshlight import groups, triangles
 
     light = ball(tmp_path / "ball.ply")
-    (lights, _scene), mesh = collected({"ball": light}), triangles(mi.load_dict(light), 1.0)
+    (lights, _scene), mesh = collected({"ball": light}), triangles(mi.load_dict(light))
     group = groups(mesh)
     rng = np.random.default_rng(1)
     p = rng.uniform(-1, 1, (400, 3)) + [0.3, 1.6, 0.2]
