@@ -26,7 +26,7 @@ def _row(context, builder, kind, value, place, part):
     data = builder.gep(data, [builder.add(builder.mul(place, ir.Constant(_INT, LANES)), ir.Constant(_INT, part * PART))])
     if kind.dtype == types.float32:
         return builder.fpext(_load(builder, builder.bitcast(data, ir.PointerType(ir.VectorType(ir.FloatType(), PART)))), _F64)
-    if kind.dtype == types.uint32:
+    if kind.dtype == types.int32:
         part = _load(builder, builder.bitcast(data, ir.PointerType(ir.VectorType(ir.IntType(32), PART))))
         return builder.sitofp(part, _F64)
     return _load(builder, builder.bitcast(data, ir.PointerType(_F64)), 8)
