@@ -5,11 +5,10 @@ of several on one sight line only the nearest is (the tie rule: a grazing sight 
 is the far end of a stretch of samples seen. Three ways find them, all with the same result, bit for bit:
 
 - ``march`` looks at every sample (§1), sixteen lines at once.
-- ``tree`` keeps the paper's convex hull tree a line (§5, `tree`).
-- ``blocks`` marches, but steps over stretches of samples whose highest points none of the sixteen receivers can see. The
-  lanes share every test, so vector units stay busy where the tree follows pointers.
+- ``tree`` keeps the paper's convex hull tree a line (§5, `tree`), sixteen lines at once.
+- ``blocks`` marches, but steps over stretches of samples whose highest points none of the sixteen receivers can see.
 
-``auto`` takes the tree or blocks, whichever will be sooner by what both had to look at on a few of the lines.
+``auto`` takes the tree, and blocks where a reach is set, of which the tree knows nothing.
 """
 
 from __future__ import annotations

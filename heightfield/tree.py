@@ -83,6 +83,8 @@ def search(heights, counts, totals, offsets, overs):
         Convexity checks: the paper's iterations.
     """
     n = len(heights) - 2
+    # Flat rows of sixteen. A slot holds a child C of each lane's root, its line, and whether it is open; hint: lowest slot
+    # that may be free. Of each lane: last, toph: nearest child and its height; number, total: closed children, distances
     flat = heights.reshape(-1)
     nodes = np.empty((n + 2) * FIELDS, np.int32)  # rows of children, next, previous, slots
     fresh = np.zeros(n + 2, np.int64)
