@@ -217,7 +217,7 @@ class HeightField:
             Radians clockwise from north.
         method : {"auto", "tree", "march"}
             All give the same result, bit for bit: "march" looks at every sample of the line, "tree" keeps the paper's convex
-            hull tree, "auto" takes that or marches but steps over what cannot be seen, whichever is sooner on a few lines.
+            hull tree, "auto" takes that too, but where a reach is set it marches and steps over what cannot be seen.
             With ``radius``, all but "march" do the latter.
 
         Returns

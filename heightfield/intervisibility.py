@@ -5,11 +5,10 @@ of several on one sight line only the nearest is (the tie rule: a grazing sight 
 is the far end of a stretch of samples seen. Three ways find them, all with the same result, bit for bit:
 
 - ``march`` looks at every sample (§1), sixteen lines at once.
-- ``tree`` keeps the paper's convex hull tree a line (§5, `tree`).
-- ``blocks`` marches, but steps over stretches of samples whose highest points none of the sixteen receivers can see. The
-  lanes share every test, so vector units stay busy where the tree follows pointers.
+- ``tree`` keeps the paper's convex hull tree a line (§5, `tree`), sixteen lines at once.
+- ``blocks`` marches, but steps over stretches of samples whose highest points none of the sixteen receivers can see.
 
-``auto`` takes the tree or blocks, whichever will be sooner by what both had to look at on a few of the lines.
+``auto`` takes the tree, and blocks where a reach is set, of which the tree knows nothing.
 """
 
 from __future__ import annotations
@@ -25,12 +24,7 @@ from .sweep import packed
 BLOCK = 16  # samples stepped over at once, at most the bits of a word
 GROUP = 16  # blocks stepped over at once
 SKIPPING, EVERY, EVERY_FLOAT32, TREE = range(4)
-ALL = 2**62  # samples: no limit
 BUDGET = 24  # horizons a point for which room is made at first
-PROBES = 2  # panels on which both are tried before choosing
-EVERY_FOURTH = 4  # line of them, for the tree
-TREE_COST = 20.0  # of a convexity check, in samples that blocks look at; measured on the paper's four fields
-POINT_COST = -20.0  # what a point costs the tree beyond its checks, in the same
 
 
 @nb.njit(cache=True)
@@ -79,7 +73,7 @@ def _ends(count, starts, words, receiver, heights, at, counts, totals, offsets, 
 
 
 @nb.njit(cache=True)
-def search(heights, reach, how, room, most, counts, totals, offsets, overs):
+def search(heights, reach, how, room, counts, totals, offsets, overs):
     """Find the horizons of every sample of a panel.
 
     Parameters
@@ -92,8 +86,6 @@ def search(heights, reach, how, room, most, counts, totals, offsets, overs):
         `SKIPPING`, `EVERY` or `EVERY_FLOAT32` (the fastest naive method, without exact ties: a baseline).
     room : int
         Entries of `offsets` after which to give up.
-    most : int
-        Samples looked at after which to stop, as nobody needs the rest.
     counts, totals : (n, LANES) int32, int64 arrays
         Horizons of each sample and the sum of their distances in samples, written.
     offsets, overs : (m,) int32, float32 arrays
@@ -158,8 +150,6 @@ def search(heights, reach, how, room, most, counts, totals, offsets, overs):
             k = stop
         if used > room:
             return -1, looked
-        if looked > most:
-            return used, looked
         after = _ends(q, starts, words, receiver, heights, used, counts, totals, offsets, overs)
         if len(offsets):
             used = after
@@ -180,34 +170,36 @@ def _panels(laid, slope, first, bend, reach, how, budget, counts, totals):
     room = spare * (budget + 1) if budget else 0
     limit = room - spare if budget else 1
     offsets, overs = np.empty((panels, room), np.int32), np.empty((panels, room), np.float32)
-    used, looked = np.zeros(panels, np.int64), np.zeros(panels, np.int64)
+    begins, used, looked = np.zeros(panels, np.int64), np.zeros(panels, np.int64), np.zeros(panels, np.int64)
     for p in nb.prange(panels):
         line = first + LANES * p
         a, b = span(line, LANES, slope, rows, columns)
         if b > a:
-            sheet = np.empty((b - a, LANES), np.float32)
+            sheet = np.empty((b - a + 2, LANES), np.float32)
             panel(laid, line, slope, a, b, bend, sheet)
             c, t = np.empty((b - a, LANES), np.int32), np.empty((b - a, LANES), np.int64)
             if how == TREE:
-                used[p], looked[p] = tree.search(sheet, limit, c, t, offsets[p], overs[p])
+                sheet[b - a :] = NOWHERE
+                used[p], looked[p] = tree.search(sheet, c, t, offsets[p], overs[p])
+                begins[p] = room - used[p]
             else:
-                used[p], looked[p] = search(sheet, reach, how, limit, ALL, c, t, offsets[p], overs[p])
+                used[p], looked[p] = search(sheet[: b - a], reach, how, limit, c, t, offsets[p], overs[p])
             if used[p] >= 0:
                 for x in range(a, b):
                     i, lo, hi = points(line, slope, x, rows)
                     if hi > lo:
                         counts[x, i + lo : i + hi], totals[x, i + lo : i + hi] = c[x - a, lo:hi], t[x - a, lo:hi]
-    return offsets, overs, used, looked
+    return offsets, overs, begins, used, looked
 
 
 @nb.njit(cache=True, parallel=True)
-def _deliver(order, slope, first, step, curve, counts, starts, offsets, overs, distances, angles):
+def _deliver(order, slope, first, step, curve, counts, starts, offsets, overs, begins, distances, angles):
     # Move every panel's horizons to their points' places, as metres and radians
     (columns, rows), (origin, down, along) = counts.shape, order
     for p in nb.prange(len(offsets)):
         line = first + LANES * p
         a, b = span(line, LANES, slope, rows, columns)
-        n = 0
+        n = begins[p]
         for x in range(a, b):
             begin, lo, hi = points(line, slope, x, rows)
             for i in range(begin + lo, begin + hi):
@@ -220,37 +212,6 @@ def _deliver(order, slope, first, step, curve, counts, starts, offsets, overs, d
                     distances[at] = d
                     angles[at] = np.arctan(bent / d - curve * d)
                     at, n = at + 1, n + 1
-
-
-@nb.njit(cache=True, parallel=True)
-def _probe(laid, slope, first, bend):
-    # Convexity checks, samples looked at by blocks, and points, on a few panels spread over the field
-    columns, rows = laid.shape[0], laid.shape[1] - 2
-    panels = (rows - first + LANES - 1) // LANES
-    found = np.zeros((PROBES, 3), np.int64)
-    for probe in nb.prange(PROBES):
-        line = first + LANES * int((probe + 0.5) / PROBES * panels)
-        a, b = span(line, LANES, slope, rows, columns)
-        if b > a:
-            sheet = np.empty((b - a, LANES), np.float32)
-            panel(laid, line, slope, a, b, bend, sheet)
-            c, t = np.empty((b - a, LANES), np.int32), np.empty((b - a, LANES), np.int64)
-            none, nought = np.empty(0, np.int32), np.empty(0, np.float32)
-            # The tree takes line by line: a few stand for all
-            some = np.full_like(sheet, NOWHERE)
-            some[:, ::EVERY_FOURTH] = sheet[:, ::EVERY_FOURTH]
-            found[probe, 0] = EVERY_FOURTH * tree.search(some, 1, c, t, none, nought)[1]
-            found[probe, 2] = (b - a) * LANES
-            # Blocks need not be followed much farther than to where the tree has won
-            most = 2 * max(int(TREE_COST * found[probe, 0] + POINT_COST * found[probe, 2]), found[probe, 2])
-            found[probe, 1] = search(sheet, b - a, SKIPPING, 1, most, c, t, none, nought)[1]
-    return found.sum(axis=0)
-
-
-def _sooner(laid, d, first, curve):
-    # The tree or blocks, whichever will be sooner on this field
-    checks, looked, samples = _probe(laid, d.slope, first, curve * d.step**2)
-    return TREE if TREE_COST * checks + POINT_COST * samples < looked else SKIPPING
 
 
 def local_horizons(d, heights, curve: float = 0.0, reach: int | None = None, method: str = "auto"):
@@ -287,19 +248,19 @@ def local_horizons(d, heights, curve: float = 0.0, reach: int | None = None, met
     elif reach is not None:
         how = SKIPPING
     else:
-        how = TREE if method == "tree" else _sooner(laid, d, first, curve)
+        how = TREE
     counts, sums = (np.zeros(shape[::-1], dtype=t) for t in (np.int32, np.int64))
     far, bend, budget = shape[1] if reach is None else reach, curve * d.step**2, BUDGET
     while True:
         found = _panels(laid, d.slope, first, bend, far, how, budget, counts, sums)
-        if found[2].min() >= 0:
+        if found[3].min() >= 0:
             break
         budget *= 2
     starts = np.zeros(heights.size + 1, dtype=np.int64)
     np.cumsum(packed(d.lift(counts)).ravel(), out=starts[1:])
     distances, angles = (np.empty(starts[-1], dtype=np.float32) for _ in range(2))
-    _deliver(_order(d, heights.shape), d.slope, first, d.step, curve, counts, starts, found[0], found[1], distances, angles)
-    return starts, distances, angles, int(found[3].sum()), _naive(shape, d.slope, far)
+    _deliver(_order(d, heights.shape), d.slope, first, d.step, curve, counts, starts, *found[:3], distances, angles)
+    return starts, distances, angles, int(found[4].sum()), _naive(shape, d.slope, far)
 
 
 def totals(d, heights, curve: float = 0.0, how: int | None = None):
@@ -320,10 +281,10 @@ def totals(d, heights, curve: float = 0.0, how: int | None = None):
     """
     laid = lay(heights, d)
     first = first_line(d.slope, len(laid))
-    how = _sooner(laid, d, first, curve) if how is None else how
+    how = TREE if how is None else how
     counts, sums = (np.zeros(d.lay(heights).shape, dtype=t) for t in (np.int32, np.int64))
     found = _panels(laid, d.slope, first, curve * d.step**2, len(laid), how, 0, counts, sums)
-    return *(packed(d.lift(v)).ravel() for v in (counts, sums)), int(found[3].sum())
+    return *(packed(d.lift(v)).ravel() for v in (counts, sums)), int(found[4].sum())
 
 
 def _naive(shape, slope, reach):

@@ -78,6 +78,13 @@ def panel(laid, first, slope, start, end, bend, out):
         f = 0.0 if f < 1e-9 else f
         begin = first + int(r) + 1
         _, a, b = points(first, slope, x, rows)
+        if b - a == LANES:
+            # On the field in all lanes
+            near, far = laid[x, begin : begin + LANES], laid[x, begin + 1 : begin + 1 + LANES]
+            for lane in range(LANES):
+                h = np.float64(near[lane])
+                line[lane] = np.float32(h + f * (np.float64(far[lane]) - h) - fall)
+            continue
         near, far = laid[x, max(begin, 0) :], laid[x, max(begin + 1, 0) :]
         skip, ahead = min(begin, 0), min(begin + 1, 0)
         for lane in range(a, b):

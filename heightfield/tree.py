@@ -1,13 +1,16 @@
-"""The convex hull tree of a line (§4, §5): all local horizons by visiting what is seen, and little else.
+"""The convex hull trees of sixteen lines (§4, §5): all local horizons by visiting what is seen, and little else.
 
-Every stretch of the line that is convex starts a path of the tree; each path is the upper convex hull from there to the
+Every stretch of a line that is convex starts a path of its tree; each path is the upper convex hull from there to the
 root, which is the receiver. The root's children are then the ends of its sight lines. A new receiver becomes the root and
-the tree is mended from the top: a child that no longer is convex with its own first child hands that child to the root.
+the tree is mended from the top. Of the children of the old root the nearest ones may be hidden by it now, and stay its own;
+the others are the new root's. A child that is no longer convex with its own first child hands that child to the root.
 
 Departures from the paper. Nodes are the samples themselves, and the leaf that §5 duplicates is a mark on its sample: it
-stays when its last child has left, but not otherwise. Algorithm 1's two recursions become one walk along the root's children,
-because a child moved to the root stands just before its former parent, where the walk goes on. And a child whose outer
-neighbour is seen too ends no visible stretch, so it is no local horizon here (about half of the root's children).
+stays when its last child has left, but not otherwise. A leaf whose outer neighbour is seen too ends no visible stretch, so
+it is no local horizon: it is *open*. Every child of a root has a *target*, its first child or, if it has none, its outer
+neighbour, and changes when receivers cross the line through both: all that a step asks of children that stay is on which
+side it is. So their lines are kept as such, in slots that vector units go over (`lanes_tree.crossed`), and only where a
+receiver may have crossed one does the tree follow pointers. The children's order is in the pointers, not in the slots.
 """
 
 from __future__ import annotations
@@ -15,136 +18,250 @@ from __future__ import annotations
 import numba as nb
 import numpy as np
 
-from .lanes import LANES
-from .lines import NOWHERE
+from .lanes import LANES, lowest_bit
+from .lanes_tree import begin, classify, crossed, put
 
-NONE = -1
+NONE = np.int32(-1)
+CHILD, FARTHER, NEARER, SLOT = range(4)  # of a node: first child, neighbours among its parent's children, place in `lines`
+FIELDS = 4 * LANES  # of the nodes of a row
+MARGIN = 4e-7  # of a line, wider than its rounding
+LEAST = 1e-30  # of the same
 
 
 @nb.njit(cache=True, inline="always")
-def _exceeds(h, k, other, m, here, receiver):
-    # Whether sample k rises more steeply from the receiver than sample m; exact for float32 heights of like magnitude
-    return (h - here) * (m - receiver) > (other - here) * (k - receiver)
+def _draw(slot, lane, c, target, is_open, flat, lines):
+    # Put the line through child c and its target in a slot, moved by what rounding may make of it
+    h, ht = np.float64(flat[c * LANES + lane]), np.float64(flat[target * LANES + lane])
+    at, by = np.inf, 0.0
+    if ht != -np.inf:
+        by = (ht - h) / np.float64(target - c)
+        far = by * c
+        margin = MARGIN * (abs(far) + abs(h)) + LEAST
+        at = h - far + (margin if is_open else -margin)
+    lines[slot * 2 * LANES + lane], lines[(slot * 2 + 1) * LANES + lane] = at, by
 
 
 @nb.njit(cache=True)
-def line(h, keep, at, counts, totals, offsets, overs, fresh, children, siblings):
-    """Find the horizons of every sample of one line looking along rising indices, from its far end to its start.
+def _keep(flat, nodes, opened, last, number, seen, old_too, receiver, at, offsets, overs):
+    # Write the horizons of a row before place `at`, nearest first; return the place of the first
+    for lane in range(LANES - 1, -1, -1):
+        if seen >> lane & 1:
+            here = flat[receiver * LANES + lane]
+            at -= number[lane] + (old_too >> lane & 1)
+            n = at
+            if old_too >> lane & 1:
+                offsets[n], overs[n] = 1, flat[(receiver + 1) * LANES + lane] - here
+                n += 1
+            c = last[lane]
+            while c != NONE:
+                q = c * FIELDS + lane * 4
+                if not opened[nodes[q + SLOT]] >> lane & 1:
+                    offsets[n], overs[n] = c - receiver, flat[c * LANES + lane] - here
+                    n += 1
+                c = nodes[q + FARTHER]
+    return at
+
+
+@nb.njit(cache=True, error_model="numpy")
+def search(heights, counts, totals, offsets, overs):
+    """Find the horizons of every sample of a panel, from its far end to its start.
 
     Parameters
     ----------
-    h : (n,) float64 array
-        Heights.
-    keep : bool
-        Write `offsets` and `overs` from place `at` on; farthest first, sample by sample from the far end.
-    counts, totals : (n,) int64 arrays
-        Horizons of each sample and the sum of their distances, written.
-    fresh, children, siblings : (n,) bool, int64, int64 arrays
-        Work space.
+    heights : (n + 2, LANES) float32 array
+        As `lines.panel` lays them out, and two rows that are `NOWHERE`.
+    counts, totals : (n, LANES) int32, int64 arrays
+        Horizons of each sample and the sum of their distances in samples, written.
+    offsets, overs : (m,) int32, float32 arrays
+        As those of `intervisibility.search`, but at the arrays' end.
 
     Returns
     -------
-    at : int
-        Place after the last entry; -1 if there was no room.
+    used : int
+        Entries written, or -1 if there was no room.
     checks : int
         Convexity checks: the paper's iterations.
     """
-    n, checks, convex = len(h), 0, True
-    counts[n - 1], totals[n - 1] = 0, 0
-    children[n - 1], siblings[n - 1], fresh[n - 1] = NONE, NONE, True
-    for root in range(n - 2, -1, -1):
-        here, old = h[root], root + 1
-        # A convex stretch starts at the old root if it is the first of the line, or follows a concave one (Eq. 1)
-        if old < n - 1:
-            bend = 2 * h[old] - h[old + 1] - h[root]
-            starts = bend > 0 and not convex
-            convex = bend > 0 or (convex and bend == 0)
-            fresh[old] = starts
-        children[root] = old
-        siblings[old], before, ahead, node = NONE, NONE, NONE, old
-        while node != NONE:
-            child = children[node]
-            checks += 1
-            if child != NONE and _exceeds(h[child], child, h[node], node, here, root):
-                # The child sees over its parent: it becomes the root's, just before the parent (Algorithm 1)
-                children[node] = siblings[child]
-                siblings[child] = node
-                if before == NONE:
-                    children[root] = child
-                else:
-                    siblings[before] = child
-                node = child
-            elif child == NONE and not fresh[node] and node != old:
-                # No hull goes through it any more
-                after = siblings[node]
-                if before == NONE:
-                    children[root] = after
-                else:
-                    siblings[before] = after
-                node = after
+    n = len(heights) - 2
+    # Flat rows of sixteen. A slot holds a child C of each lane's root, its line, and whether it is open; hint: lowest slot
+    # that may be free. Of each lane: last, toph: nearest child and its height; number, total: closed children, distances
+    flat = heights.reshape(-1)
+    nodes = np.empty((n + 2) * FIELDS, np.int32)  # rows of children, next, previous, slots
+    fresh = np.zeros(n + 2, np.int64)
+    C = np.empty((n + 2) * LANES, np.int32)
+    lines = np.empty((n + 2) * 2 * LANES, np.float32)
+    opened = np.zeros(n + 2, np.int64)
+    used = np.zeros(n + 2, np.int64)
+    hint = np.zeros(LANES, np.int64)
+    last = np.full(LANES, NONE)
+    toph = np.full(LANES, np.float32(np.inf))
+    number = np.zeros(LANES, np.int32)
+    total = np.zeros(LANES, np.int64)
+    room = len(offsets)
+    at = room
+    near = 0
+    convex = 0
+    levels = 0
+    checks = 0
+    elems = 0
+    for r in range(n - 1, -1, -1):
+        old = r + 1
+        p = r + 2
+        on, gt, lt, hid = classify(heights, r, last, toph)
+        starts = lt & ~convex
+        convex = lt | (convex & ~gt)
+        fresh[old] = starts
+        hidden = near & ~gt & on
+        stays = near & gt & on
+        hid &= ~stays
+        begin(nodes, old, hidden)
+        todo = hid | stays
+        while todo:
+            lane = lowest_bit(np.uint32(todo))
+            todo &= todo - 1
+            bit = 1 << lane
+            end = last[lane]
+            if stays & bit:
+                e = hint[lane]
+                while used[e] & bit:
+                    e += 1
+                hint[lane] = e + 1
+                if e >= levels:
+                    levels = e + 1
+                q = p * FIELDS + lane * 4
+                g = nodes[q + CHILD]
+                _draw(e, lane, p, p + 1 if g == NONE else g, False, flat, lines)
+                C[e * LANES + lane] = p
+                used[e] |= bit
+                opened[e] &= ~bit
+                nodes[q + SLOT] = e
+                nodes[q + FARTHER] = end
+                if end != NONE:
+                    nodes[end * FIELDS + lane * 4 + NEARER] = p
+                end = np.int32(p)
+                number[lane] += 1
+                total[lane] += 2
+                elems += 1
             else:
-                if node == old:
-                    ahead = before
-                before, node = node, siblings[node]
-        # The old root may have lost all its hulls too, but the nearest sample is always seen
-        count, total, node = 0, 0, children[root]
-        if keep and at + n > len(offsets):
-            return -1, checks
-        while node != NONE:
-            if node == n - 1 or not _exceeds(h[node + 1], node + 1, h[node], node, here, root):
-                if keep:
-                    offsets[at], overs[at] = node - root, np.float32(h[node]) - np.float32(here)
-                    at += 1
-                count, total = count + 1, total + node - root
-            node = siblings[node]
-        counts[root], totals[root] = count, total
-        if not fresh[old] and children[old] == NONE:
-            if ahead == NONE:
-                children[root] = NONE
-            else:
-                siblings[ahead] = NONE
-    return at, checks
-
-
-@nb.njit(cache=True)
-def search(heights, room, counts, totals, offsets, overs):
-    """Find the horizons of every sample of a panel; as `intervisibility.search`, whose parameters these are."""
-    n = len(heights)
-    keep, at, checks = len(offsets) > 0, 0, 0
-    h, fresh = np.empty(n), np.empty(n, np.bool_)
-    children, siblings = np.empty(n, np.int64), np.empty(n, np.int64)
-    c, t = np.empty(n, np.int64), np.empty(n, np.int64)
-    raw_offsets, raw_overs = np.empty(len(offsets), np.int32), np.empty(len(offsets), np.float32)
-    ends = np.zeros((n, LANES), np.int64)
-    counts[:], totals[:] = 0, 0
-    for lane in range(LANES):
-        # A line's samples on the field are one stretch
-        a, b = 0, n
-        while a < b and heights[a, lane] == NOWHERE:
-            a += 1
-        while b > a and heights[b - 1, lane] == NOWHERE:
-            b -= 1
-        if b == a:
-            continue
-        for k in range(a, b):
-            h[k] = heights[k, lane]
-        if at > room:
-            return -1, checks
-        start = at
-        at, more = line(h[a:b], keep, at, c, t, raw_offsets, raw_overs, fresh, children, siblings)
-        checks += more
-        if at < 0:
-            return -1, checks
-        for k in range(b - a - 1, -1, -1):
-            start += c[k] if keep else 0
-            counts[a + k, lane], totals[a + k, lane], ends[a + k, lane] = c[k], t[k], start
-    # In the order of samples and lanes, nearest first
-    used = 0
-    if keep:
-        for k in range(n):
-            for lane in range(LANES):
-                for m in range(counts[k, lane]):
-                    offsets[used] = raw_offsets[ends[k, lane] - 1 - m]
-                    overs[used] = raw_overs[ends[k, lane] - 1 - m]
-                    used += 1
-    return used, checks
+                hr = np.float64(flat[r * LANES + lane])
+                s = np.float64(flat[old * LANES + lane]) - hr
+                c = end
+                f = c
+                if hidden & bit:
+                    nodes[c * FIELDS + lane * 4 + NEARER] = p
+                    nodes[p * FIELDS + lane * 4 + FARTHER] = c
+                else:
+                    nodes[c * FIELDS + lane * 4 + NEARER] = NONE
+                low = hint[lane]
+                nn = np.int32(0)
+                tt = 0
+                while c != NONE and not (np.float64(flat[c * LANES + lane]) - hr > s * np.float64(c - r)):
+                    e = nodes[c * FIELDS + lane * 4 + SLOT]
+                    used[e] &= ~bit
+                    if not opened[e] & bit:
+                        nn += np.int32(1)
+                        tt += c - r
+                    low = min(low, e)
+                    f = c
+                    c = nodes[c * FIELDS + lane * 4 + FARTHER]
+                    elems -= 1
+                    checks += 1
+                hint[lane] = low
+                number[lane] -= nn
+                total[lane] -= tt
+                nodes[old * FIELDS + lane * 4 + CHILD] = f
+                end = c
+            last[lane] = end
+            toph[lane] = np.float32(np.inf) if end == NONE else flat[end * LANES + lane]
+        hidden |= hid
+        while levels > 0 and used[levels - 1] == 0:
+            levels -= 1
+        checks += elems + LANES
+        e = 0
+        while True:
+            e, bits = crossed(lines, opened, used, e, levels, heights, r, on)
+            if e >= levels:
+                break
+            while bits:
+                lane = lowest_bit(np.uint32(bits))
+                bits &= bits - 1
+                bit = 1 << lane
+                hr = np.float64(flat[r * LANES + lane])
+                slot = e
+                c = C[e * LANES + lane]
+                far = nodes[c * FIELDS + lane * 4 + FARTHER]
+                nn = np.int32(0)
+                tt = 0
+                if not opened[e] & bit:
+                    nn -= np.int32(1)
+                    tt -= c - r
+                while c != far:
+                    q = c * FIELDS + lane * 4
+                    hc = np.float64(flat[c * LANES + lane]) - hr
+                    dc = np.float64(c - r)
+                    g = nodes[q + CHILD]
+                    x = g
+                    b = g
+                    while x != NONE and (np.float64(flat[x * LANES + lane]) - hr) * dc > hc * np.float64(x - r):
+                        b = x
+                        x = nodes[x * FIELDS + lane * 4 + NEARER]
+                        checks += 1
+                    if x != g:
+                        # g to b come before c
+                        pv = nodes[q + FARTHER]
+                        nodes[g * FIELDS + lane * 4 + FARTHER] = pv
+                        if pv != NONE:
+                            nodes[pv * FIELDS + lane * 4 + NEARER] = g
+                        nodes[q + CHILD] = x
+                        if x == NONE and not fresh[c] & bit:
+                            if c == last[lane]:
+                                last[lane] = b
+                                toph[lane] = flat[b * LANES + lane]
+                            else:
+                                nx = nodes[q + NEARER]
+                                nodes[b * FIELDS + lane * 4 + NEARER] = nx
+                                nodes[nx * FIELDS + lane * 4 + FARTHER] = b
+                            c = b
+                            continue
+                        nodes[b * FIELDS + lane * 4 + NEARER] = c
+                        nodes[q + FARTHER] = b
+                    # settle
+                    if slot < 0:
+                        slot = hint[lane]
+                        while used[slot] & bit:
+                            slot += 1
+                        hint[lane] = slot + 1
+                        used[slot] |= bit
+                        if slot >= levels:
+                            levels = slot + 1
+                        elems += 1
+                    t = np.int64(x)
+                    isopen = False
+                    if x == NONE:
+                        t = np.int64(c) + 1
+                        isopen = (np.float64(flat[t * LANES + lane]) - hr) * dc > hc * (dc + 1.0)
+                    if isopen:
+                        opened[slot] |= bit
+                    else:
+                        opened[slot] &= ~bit
+                        nn += np.int32(1)
+                        tt += c - r
+                    C[slot * LANES + lane] = c
+                    nodes[q + SLOT] = slot
+                    _draw(slot, lane, c, t, isopen, flat, lines)
+                    slot = -1
+                    c = nodes[q + FARTHER]
+                if slot >= 0:
+                    used[slot] &= ~bit
+                    hint[lane] = min(hint[lane], slot)
+                    elems -= 1
+                number[lane] += nn
+                total[lane] += tt
+            e += 1
+        if room:
+            if at < elems + LANES:
+                return -1, checks
+            at = _keep(flat, nodes, opened, last, number, on, on & (hidden | ~gt), r, at, offsets, overs)
+        put(number, total, on & (hidden | ~gt), counts, totals, r)
+        near = (starts | hidden) & on
+    return room - at, checks

@@ -1,0 +1,163 @@
+"""Vector operations of the hull tree (`tree`), for the sixteen lines of a panel together.
+
+What is true of a lane is a bit of a word: bit ``lane`` of sixteen.
+"""
+
+from __future__ import annotations
+
+from llvmlite import ir
+from numba import types
+from numba.core import cgutils
+from numba.extending import intrinsic
+
+from .lanes import _F32, _I32, LANES, _load, _pointer, _splat
+
+PART = 8  # lanes at a time: what registers hold
+
+_F64 = ir.VectorType(ir.DoubleType(), PART)
+_I64 = ir.VectorType(ir.IntType(64), LANES)
+_INT = ir.IntType(64)
+_BOOLS = ir.VectorType(ir.IntType(1), LANES)
+
+
+def _row(context, builder, kind, value, place, part):
+    # Eight float64 of row `place` of a flat array of sixteen a row; float32 ones are widened
+    data = context.make_array(kind)(context, builder, value=value).data
+    data = builder.gep(data, [builder.add(builder.mul(place, ir.Constant(_INT, LANES)), ir.Constant(_INT, part * PART))])
+    if kind.dtype == types.float32:
+        return builder.fpext(_load(builder, builder.bitcast(data, ir.PointerType(ir.VectorType(ir.FloatType(), PART)))), _F64)
+    if kind.dtype == types.int32:
+        part = _load(builder, builder.bitcast(data, ir.PointerType(ir.VectorType(ir.IntType(32), PART))))
+        return builder.sitofp(part, _F64)
+    return _load(builder, builder.bitcast(data, ir.PointerType(_F64)), 8)
+
+
+def _every(builder, value):
+    one = builder.insert_element(ir.Constant(_F64, ir.Undefined), value, ir.Constant(ir.IntType(32), 0))
+    mask = ir.Constant(ir.VectorType(ir.IntType(32), PART), [0] * PART)
+    return builder.shuffle_vector(one, ir.Constant(_F64, ir.Undefined), mask)
+
+
+def _word(builder, masks):
+    # One word of sixteen bits from the masks of all parts
+    out = None
+    for k, mask in enumerate(masks):
+        bits = builder.zext(builder.bitcast(mask, ir.IntType(PART)), _INT)
+        bits = builder.shl(bits, ir.Constant(_INT, PART * k))
+        out = bits if out is None else builder.or_(out, bits)
+    return out
+
+
+def _mask(builder, word):
+    return builder.bitcast(builder.trunc(word, ir.IntType(LANES)), _BOOLS)
+
+
+@intrinsic
+def classify(typingctx, heights, receiver, top, top_height):
+    """Compare receiver, old root and the sample before; and the receiver's last visible child with the old root."""
+    sig = types.UniTuple(types.int64, 4)(heights, types.intp, top, top_height)
+
+    def generate(context, builder, signature, arguments):
+        heights, receiver, top, top_height = arguments
+        kh, _, kt, kth = signature.args
+        r = _every(builder, builder.sitofp(receiver, ir.DoubleType()))
+        low = ir.Constant(_F64, [float("-inf")] * PART)
+        two = ir.Constant(_F64, [2.0] * PART)
+        zero = ir.Constant(_INT, 0)
+        words = [[], [], [], []]
+        for part in range(LANES // PART):
+            here, old, before = (
+                _row(context, builder, kh, heights, builder.add(receiver, ir.Constant(_INT, k)), part) for k in range(3)
+            )
+            t, h = (_row(context, builder, k, v, zero, part) for k, v in ((kt, top), (kth, top_height)))
+            on = builder.and_(builder.fcmp_ordered(">", here, low), builder.fcmp_ordered(">", old, low))
+            s = builder.fsub(old, here)
+            a, b = builder.fsub(before, here), builder.fmul(s, two)
+            seen = builder.fcmp_ordered(">", builder.fsub(h, here), builder.fmul(s, builder.fsub(t, r)))
+            words[0].append(on)
+            words[1].append(builder.and_(on, builder.fcmp_ordered(">", a, b)))
+            words[2].append(builder.and_(on, builder.fcmp_ordered("<", a, b)))
+            words[3].append(builder.and_(on, builder.not_(seen)))
+        return context.make_tuple(builder, signature.return_type, [_word(builder, w) for w in words])
+
+    return sig, generate
+
+
+@intrinsic
+def crossed(typingctx, lines, opened, used, first, last, heights, receiver, active):
+    """Return the first level from ``first`` where a receiver may have crossed a child's line, and in which lanes."""
+    sig = types.UniTuple(types.int64, 2)(lines, opened, used, types.intp, types.intp, heights, types.intp, types.int64)
+
+    def generate(context, builder, signature, arguments):
+        lines, opened, used, first, last, heights, receiver, active = arguments
+        kinds = signature.args
+        r = _splat(builder, builder.sitofp(receiver, ir.FloatType()), _F32)
+        here = _load(builder, _pointer(context, builder, kinds[5], heights, _F32, receiver))
+        found = cgutils.alloca_once(builder, _INT)
+        bits = cgutils.alloca_once(builder, _INT)
+        builder.store(last, found)
+        builder.store(ir.Constant(_INT, 0), bits)
+        words, there = (context.make_array(kinds[k])(context, builder, value=v).data for k, v in ((1, opened), (2, used)))
+        one, two = (ir.Constant(_INT, k) for k in (1, 2))
+        with cgutils.for_range(builder, last, start=first, intp=_INT) as loop:
+            row = builder.mul(loop.index, two)
+            both = row, builder.add(row, one)
+            at, by = (_load(builder, _pointer(context, builder, kinds[0], lines, _F32, k)) for k in both)
+            above = builder.fcmp_ordered(">", here, builder.fadd(at, builder.fmul(by, r)))
+            was = builder.load(builder.gep(words, [loop.index]))
+            word = builder.zext(builder.bitcast(above, ir.IntType(LANES)), _INT)
+            new = builder.and_(builder.xor(word, was), builder.and_(active, builder.load(builder.gep(there, [loop.index]))))
+            with cgutils.if_unlikely(builder, builder.icmp_unsigned("!=", new, ir.Constant(_INT, 0))):
+                builder.store(loop.index, found)
+                builder.store(new, bits)
+                loop.do_break()
+        return context.make_tuple(builder, signature.return_type, [builder.load(found), builder.load(bits)])
+
+    return sig, generate
+
+
+@intrinsic
+def begin(typingctx, nodes, old, bits):
+    """Begin the old root's nodes: its only child is the sample before where ``bits`` say so, elsewhere it has none."""
+    sig = types.void(nodes, types.intp, types.int64)
+
+    def generate(context, builder, signature, arguments):
+        nodes, old, bits = arguments
+        kinds = signature.args
+        none = ir.Constant(_I32, [-1] * LANES)
+        p = builder.add(old, ir.Constant(_INT, 1))
+        each = _splat(builder, builder.trunc(p, ir.IntType(32)), _I32)
+        child = builder.select(_mask(builder, bits), each, none)
+        data = context.make_array(kinds[0])(context, builder, value=nodes).data
+        data = builder.gep(data, [builder.mul(old, ir.Constant(_INT, 4 * LANES))])
+        wide = ir.VectorType(ir.IntType(32), 4 * LANES)
+        order = [k for lane in range(LANES) for k in (lane, LANES, LANES, LANES)]
+        value = builder.shuffle_vector(child, none, ir.Constant(wide, order))
+        builder.store(value, builder.bitcast(data, ir.PointerType(wide)), align=4)
+        return context.get_dummy_value()
+
+    return sig, generate
+
+
+@intrinsic
+def put(typingctx, number, total, bits, counts, totals, row):
+    """Write a row of counts and totals, one more where ``bits`` say so, and step one sample farther away."""
+    sig = types.void(number, total, types.int64, counts, totals, types.intp)
+
+    def generate(context, builder, signature, arguments):
+        number, total, bits, counts, totals, row = arguments
+        kinds = signature.args
+        mask = _mask(builder, bits)
+        n = _load(builder, _pointer(context, builder, kinds[0], number, _I32))
+        at = _pointer(context, builder, kinds[1], total, _I64)
+        t = _load(builder, at, 8)
+        builder.store(
+            builder.add(n, builder.zext(mask, _I32)), _pointer(context, builder, kinds[3], counts, _I32, row), align=4
+        )
+        builder.store(
+            builder.add(t, builder.zext(mask, _I64)), _pointer(context, builder, kinds[4], totals, _I64, row), align=8
+        )
+        builder.store(builder.add(t, builder.zext(n, _I64)), at, align=8)
+        return context.get_dummy_value()
+
+    return sig, generate
