@@ -9,14 +9,12 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
+from .brightness import brightness_elsewhere, radiance_times_area
 from .meshlight import LEVELS, Parts, groups, triangles
 from .rectangle import rectangle_of, uniform
 
 CLOSE = 0.35  # distance to a light, over its radius, below which light samples alone may be too bright: they go as 1/d²
 COUNTED_LIGHTS = 16  # with more lights than this, their visibility is not told apart
-_REFERENCE_SAMPLES = 256
-# Luminance of a spectrum of ones: the integral of the CIE's y over wavelengths in nm
-_WHITE = 106.85689
 # Share of the brightest light's power that a light gets, at least, whose surface is not equally bright all over
 _DIMMEST = 1e-3
 # Farther than any scene, with a square that float32 still holds
@@ -111,106 +109,25 @@ def _numbers(pointers):
     return mi.UInt32(table)
 
 
-def _leaving(emitter, count: int) -> tuple | None:
-    # Rays that a light sends out and their weights, drawn where it is bright: a few texels, a spectral line, a narrow beam.
-    # None for plugins that cannot send any
-    i = dr.arange(mi.UInt32, count)
-    u = [mi.Float(i) * (1 / count) + 0.5 / count]
-    for base in (2, 3, 5, 7):
-        # Halton's points
-        x, rest = mi.Float(0), mi.UInt32(i)
-        for k in range(1, 11):
-            x, rest = x + mi.Float(rest % base) / base**k, rest // base
-        u.append(dr.minimum(x, 1 - 2**-20))
-    try:
-        return emitter.sample_ray(0.0, u[0], mi.Point2f(u[1], u[2]), mi.Point2f(u[3], u[4]))
-    except Exception:
-        return None
-
-
-def _luminance(value, wavelengths) -> np.ndarray:
-    # Of light whose weight counts the density of its wavelengths; 0 where it is no number
-    scale = 1 / _WHITE if mi.is_spectral else 1.0
-    y = np.array(mi.luminance(value, wavelengths), dtype=np.float64) * scale
-    return np.where(np.isfinite(y), np.maximum(y, 0), 0)
-
-
-def _radiance_times_area(emitter, area: float) -> float:
-    # Over the light's surface: textures, spectra and meshes alike are simply looked at
-    leaving = _leaving(emitter, _REFERENCE_SAMPLES)
-    return area if leaving is None else float(np.mean(_luminance(leaving[1], leaving[0].wavelengths))) / np.pi
-
-
-def bounds(scene) -> tuple[np.ndarray, np.ndarray]:
-    """Lower and upper corner of all that a scene's rays can hit, each float64 of shape (3,); zeros if that is nothing.
-
-    Meshes are measured by their vertices: Mitsuba 3.9.1 forgets rectangles that it merged into one.
-    """
-    boxes = []
-    for shape in scene.shapes():
-        parameters = mi.traverse(shape)
-        if "vertex_positions" in parameters:
-            v = np.array(parameters["vertex_positions"], dtype=np.float64).reshape(-1, 3)
-            v = v[np.isfinite(v).all(1)]
-            boxes += [v.min(0), v.max(0)] if len(v) else []
-        elif shape.bbox().valid():
-            boxes += [np.array(shape.bbox().min).ravel(), np.array(shape.bbox().max).ravel()]
-    boxes = [b for b in boxes if np.isfinite(b).all()]
-    return (np.min(boxes, axis=0), np.max(boxes, axis=0)) if boxes else (np.zeros(3), np.zeros(3))
-
-
-def _brightness_elsewhere(emitter, scene) -> tuple[np.ndarray, float, float]:
-    # Lights without a surface are probed: from the scene's middle, then, if they have a place, from all around it
-    lower, upper = bounds(scene)
-    centre, size = 0.5 * (lower + upper), max(float(np.linalg.norm(upper - lower)), 1e-6)
-    position, value, distance = _probe(emitter, np.repeat(centre[:, None], 64, axis=1))
-    # A sun has no place: seen from a wrong one it would be below horizons above which it stands
-    if mi.has_flag(emitter.flags(), mi.EmitterFlags.Infinite) or not np.all(np.isfinite(distance)):
-        return centre, -1.0, max(float(np.mean(value)), 1e-6)
-    # A spot may miss the scene's middle: its intensity is looked at along rays that it sends, and counts as its root mean
-    # square over all directions, so that a narrow beam does not draw the rays of all that it misses
-    place = position[:, 0]
-    leaving = _leaving(emitter, 1024)
-    if leaving is None:
-        return place, 0.0, max(float(np.max(value * distance**2)), 1e-6)
-    ray, flux = leaving
-    _, value, distance = _probe(emitter, place[:, None] + size * np.array(ray.d, dtype=np.float64))
-    square = np.mean(value * distance**2 * _luminance(flux, ray.wavelengths)) / (4 * np.pi)
-    return place, 0.0, max(float(np.sqrt(square)), 1e-6)
-
-
-def _probe(emitter, points: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    # Sample a light from some points: where it is seen, how bright, and how far
-    it = dr.zeros(mi.Interaction3f, points.shape[1])
-    it.p = mi.Point3f(points.astype(np.float32))
-    i = dr.arange(mi.UInt32, points.shape[1])
-    share = mi.Spectrum(1)
-    if mi.is_spectral:
-        it.wavelengths, share = mi.sample_rgb_spectrum(mi.sample_shifted((mi.Float(i) + 0.5) / points.shape[1]))
-    u = mi.Point2f((mi.Float(i % 8) + 0.5) / 8, (mi.Float((i // 8) % 8) + 0.5) / 8)
-    ds, weight = emitter.sample_direction(it, u, True)
-    value = np.broadcast_to(_luminance(weight * share, it.wavelengths), points.shape[1])
-    distance = np.broadcast_to(np.array(ds.dist, dtype=np.float64), points.shape[1])
-    place = np.broadcast_to(np.array(ds.p, dtype=np.float64), points.shape)
-    return place, value, distance
-
-
 def _bounds_of(shape, emitter) -> tuple[np.ndarray, float, float]:
     # Bounding sphere of an area light, and its radiance times area
     box = shape.bbox()
     surface = shape.surface_area()
     surface = float(surface[0] if dr.width(surface) else 0.0) if not np.isscalar(surface) else float(surface)
     radius = 0.5 * float(np.linalg.norm(np.array(box.extents())))
-    return np.array(box.center(), dtype=np.float64), radius, _radiance_times_area(emitter, surface)
+    return np.array(box.center(), dtype=np.float64), radius, radiance_times_area(emitter, surface)
 
 
 def _parts_of(shape, emitter, most: int) -> tuple[list, np.ndarray]:
     """Groups of a mesh light's triangles and each triangle's group; none where it is to be sampled as a whole."""
-    mesh = triangles(shape) if shape.is_mesh() and uniform(emitter) and most > 1 else None
-    if mesh is None:
+    found = triangles(shape) if shape.is_mesh() and uniform(emitter) and most > 1 else None
+    if found is None:
         return [], np.zeros(0, dtype=np.int64)
+    mesh, kept = found
     group = groups(mesh, min(LEVELS, most.bit_length() - 1))
-    return [mesh.part(group == g) for g in range(group.max() + 1)], group
+    number = np.zeros(shape.face_count(), dtype=np.int64)
+    number[kept] = group
+    return [mesh.part(group == g) for g in range(group.max() + 1)], number
 
 
 def collect(scene) -> Lights:
@@ -234,7 +151,7 @@ def collect(scene) -> Lights:
         shape = shapes.get(emitter.id() + str(emitter.ptr))
         n, cone = np.zeros(3), 1.0
         if shape is None:
-            c, r, phi = _brightness_elsewhere(emitter, scene)
+            c, r, phi = brightness_elsewhere(emitter, scene)
         else:
             c, r, phi = _bounds_of(shape, emitter)
             rectangle = rectangle_of(shape, emitter)

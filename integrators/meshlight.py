@@ -46,24 +46,25 @@ class Triangles:
         return 0.5 * (low + high), 0.5 * np.linalg.norm(high - low), mean, cone if cone > 0 else -1.0
 
 
-def triangles(mesh) -> Triangles | None:
-    """Return the triangles of a mesh (mi.Mesh); None where one of them is not finite or has no area."""
+def triangles(mesh) -> tuple[Triangles, np.ndarray] | None:
+    """Return the triangles of a mesh (mi.Mesh) that have an area, and their numbers; None where one is not finite."""
     parameters = mi.traverse(mesh)
     points = np.array(parameters["vertex_positions"], dtype=np.float64).reshape(-1, 3)
     faces = np.array(parameters["faces"], dtype=np.int64).reshape(-1, 3)
     corners = points[faces]
     cross = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     double = np.linalg.norm(cross, axis=1)
-    if not np.isfinite(double).all() or not (double > 0).all():
+    kept = np.flatnonzero(double > 0)
+    if not np.isfinite(double).all() or not len(kept):
         return None
-    normals = np.repeat((cross / double[:, None])[:, None], 3, axis=1)
+    normals = np.repeat((cross[kept] / double[kept, None])[:, None], 3, axis=1)
     if mesh.has_vertex_normals():
-        normals = np.array(parameters["vertex_normals"], dtype=np.float64).reshape(-1, 3)[faces]
+        normals = np.array(parameters["vertex_normals"], dtype=np.float64).reshape(-1, 3)[faces[kept]]
         size = np.linalg.norm(normals, axis=-1, keepdims=True)
         if not np.isfinite(size).all() or not (size > 0).all():
             return None
         normals /= size
-    return Triangles(corners, -normals if mesh.has_flipped_normals() else normals, 0.5 * double)
+    return Triangles(corners[kept], -normals if mesh.has_flipped_normals() else normals, 0.5 * double[kept]), kept
 
 
 def groups(mesh: Triangles, levels: int = LEVELS) -> np.ndarray:

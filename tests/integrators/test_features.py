@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from intervis.errors import InputError
-from intervis.integrators.lights import bounds
+from intervis.integrators.brightness import bounds
 
 
 def T():

@@ -13,7 +13,10 @@ def ball(path, smooth=False, flip=False, steps=12):
     i = np.arange(steps * 2 * steps).reshape(steps, -1)
     right = np.roll(i, -1, axis=1)
     faces = np.concatenate([np.stack([i[:-1], right[:-1], right[1:]], -1), np.stack([i[:-1], right[1:], i[1:]], -1)])
-    mesh = mi.Mesh("ball", steps * 2 * steps, faces.size // 3, has_vertex_normals=smooth)
+    faces = faces.reshape(-1, 3)
+    # Some without area
+    faces[::17, 2] = faces[::17, 1]
+    mesh = mi.Mesh("ball", steps * 2 * steps, len(faces), has_vertex_normals=smooth)
     parameters = mi.traverse(mesh)
     parameters["vertex_positions"] = point.ravel().astype(np.float32)
     parameters["faces"] = faces.ravel().astype(np.uint32)
@@ -39,9 +42,9 @@ def test_parts_hold_all_triangles_once(variant_llvm, tmp_path):
     from intervis.integrators.meshlight import PARTS, groups, triangles
 
     shape = mi.load_dict(ball(tmp_path / "ball.ply"))
-    mesh = triangles(shape)
+    mesh, kept = triangles(shape)
     group = groups(mesh)
-    assert 8 <= group.max() + 1 <= PARTS and len(group) == shape.face_count()
+    assert 8 <= group.max() + 1 <= PARTS and 0.9 * shape.face_count() < len(group) == len(kept) < shape.face_count()
     assert set(group) == set(range(group.max() + 1))
     assert mesh.area.sum() == pytest.approx(shape.surface_area()[0], rel=1e-5)
     for g in range(group.max() + 1):
@@ -56,7 +59,7 @@ def test_no_importance_only_where_nothing_arrives(variant_llvm, tmp_path):
     from intervis.integrators.meshlight import groups, triangles
 
     light = ball(tmp_path / "ball.ply")
-    (lights, _scene), mesh = collected({"ball": light}), triangles(mi.load_dict(light))
+    (lights, _scene), mesh = collected({"ball": light}), triangles(mi.load_dict(light))[0]
     group = groups(mesh)
     rng = np.random.default_rng(1)
     p = rng.uniform(-1, 1, (400, 3)) + [0.3, 1.6, 0.2]

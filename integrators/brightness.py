@@ -1,0 +1,98 @@
+"""How bright lights are, found by looking at them: what they send out, and how they are seen."""
+
+from __future__ import annotations
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+
+_REFERENCE_SAMPLES = 256
+# Luminance of a spectrum of ones: the integral of the CIE's y over wavelengths in nm
+_WHITE = 106.85689
+
+
+def _leaving(emitter, count: int) -> tuple | None:
+    # Rays that a light sends out and their weights, drawn where it is bright: a few texels, a spectral line, a narrow beam.
+    # None for plugins that cannot send any
+    i = dr.arange(mi.UInt32, count)
+    u = [mi.Float(i) * (1 / count) + 0.5 / count]
+    for base in (2, 3, 5, 7):
+        # Halton's points
+        x, rest = mi.Float(0), mi.UInt32(i)
+        for k in range(1, 11):
+            x, rest = x + mi.Float(rest % base) / base**k, rest // base
+        u.append(dr.minimum(x, 1 - 2**-20))
+    try:
+        return emitter.sample_ray(0.0, u[0], mi.Point2f(u[1], u[2]), mi.Point2f(u[3], u[4]))
+    except Exception:
+        return None
+
+
+def _luminance(value, wavelengths) -> np.ndarray:
+    # Of light whose weight counts the density of its wavelengths; 0 where it is no number
+    scale = 1 / _WHITE if mi.is_spectral else 1.0
+    y = np.array(mi.luminance(value, wavelengths), dtype=np.float64) * scale
+    return np.where(np.isfinite(y), np.maximum(y, 0), 0)
+
+
+def radiance_times_area(emitter, area: float) -> float:
+    """Luminance times area of a light's surface: textures, spectra and meshes alike are simply looked at."""
+    leaving = _leaving(emitter, _REFERENCE_SAMPLES)
+    return area if leaving is None else float(np.mean(_luminance(leaving[1], leaving[0].wavelengths))) / np.pi
+
+
+def bounds(scene) -> tuple[np.ndarray, np.ndarray]:
+    """Lower and upper corner of all that a scene's rays can hit, each float64 of shape (3,); zeros if that is nothing.
+
+    Meshes are measured by their vertices: Mitsuba 3.9.1 forgets rectangles that it merged into one.
+    """
+    boxes = []
+    for shape in scene.shapes():
+        parameters = mi.traverse(shape)
+        if "vertex_positions" in parameters:
+            v = np.array(parameters["vertex_positions"], dtype=np.float64).reshape(-1, 3)
+            v = v[np.isfinite(v).all(1)]
+            boxes += [v.min(0), v.max(0)] if len(v) else []
+        elif shape.bbox().valid():
+            boxes += [np.array(shape.bbox().min).ravel(), np.array(shape.bbox().max).ravel()]
+    boxes = [b for b in boxes if np.isfinite(b).all()]
+    return (np.min(boxes, axis=0), np.max(boxes, axis=0)) if boxes else (np.zeros(3), np.zeros(3))
+
+
+def brightness_elsewhere(emitter, scene) -> tuple[np.ndarray, float, float]:
+    """Place, radius (−1 at infinity, 0 else) and brightness of a light without a surface.
+
+    It is probed: from the scene's middle, then, if it has a place, along the rays that it sends out.
+    """
+    lower, upper = bounds(scene)
+    centre, size = 0.5 * (lower + upper), max(float(np.linalg.norm(upper - lower)), 1e-6)
+    position, value, distance = _probe(emitter, np.repeat(centre[:, None], 64, axis=1))
+    # A sun has no place: seen from a wrong one it would be below horizons above which it stands
+    if mi.has_flag(emitter.flags(), mi.EmitterFlags.Infinite) or not np.all(np.isfinite(distance)):
+        return centre, -1.0, max(float(np.mean(value)), 1e-6)
+    # A spot may miss the scene's middle: its intensity is looked at along rays that it sends, and counts as its root mean
+    # square over all directions, so that a narrow beam does not draw the rays of all that it misses
+    place = position[:, 0]
+    leaving = _leaving(emitter, 1024)
+    if leaving is None:
+        return place, 0.0, max(float(np.max(value * distance**2)), 1e-6)
+    ray, flux = leaving
+    _, value, distance = _probe(emitter, place[:, None] + size * np.array(ray.d, dtype=np.float64))
+    square = np.mean(value * distance**2 * _luminance(flux, ray.wavelengths)) / (4 * np.pi)
+    return place, 0.0, max(float(np.sqrt(square)), 1e-6)
+
+
+def _probe(emitter, points: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    # Sample a light from some points: where it is seen, how bright, and how far
+    it = dr.zeros(mi.Interaction3f, points.shape[1])
+    it.p = mi.Point3f(points.astype(np.float32))
+    i = dr.arange(mi.UInt32, points.shape[1])
+    share = mi.Spectrum(1)
+    if mi.is_spectral:
+        it.wavelengths, share = mi.sample_rgb_spectrum(mi.sample_shifted((mi.Float(i) + 0.5) / points.shape[1]))
+    u = mi.Point2f((mi.Float(i % 8) + 0.5) / 8, (mi.Float((i // 8) % 8) + 0.5) / 8)
+    ds, weight = emitter.sample_direction(it, u, True)
+    value = np.broadcast_to(_luminance(weight * share, it.wavelengths), points.shape[1])
+    distance = np.broadcast_to(np.array(ds.dist, dtype=np.float64), points.shape[1])
+    place = np.broadcast_to(np.array(ds.p, dtype=np.float64), points.shape)
+    return place, value, distance
