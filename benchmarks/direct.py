@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 import argparse
+import pickle
 import sys
 import time
 from pathlib import Path
@@ -75,6 +76,7 @@ def main(arguments: list[str] | None = None) -> None:
     parser.add_argument("--quick", action="store_true", help="small films, coarse references: a trial, not a measurement")
     parser.add_argument("--reference", type=int, default=4096, help="samples a pixel of the references")
     parser.add_argument("--cache", type=Path, default=Path.home() / ".cache" / "intervis" / "benchmark")
+    parser.add_argument("--resume", action="store_true", help="take the scenes that an interrupted run has finished from it")
     parser.add_argument("--output", type=Path, default=OUT)
     parser.add_argument("--variant", default="llvm_ad_rgb")
     options = parser.parse_args(arguments)
@@ -111,14 +113,25 @@ def main(arguments: list[str] | None = None) -> None:
             parts[name] = direct_ablation.ablate(s, 64, count)
             oracles[name] = direct_ablation.regret(s, 64, count)
 
-    # Interrupted, it reports the scenes that are done
+    # What is done is kept: interrupted, it reports those scenes, and may be resumed
+    found = results, references, shares, parts, oracles, light, bias
+    kept = options.cache / ("trial.pickle" if options.quick else "direct.pickle")
+    if options.resume and kept.exists():
+        for mine, old in zip(found, pickle.loads(kept.read_bytes()), strict=True):
+            mine.update(old)
     for name in names:
+        if name in shares:
+            continue
         try:
             measure(name)
         except KeyboardInterrupt:
             results.pop(name, None)
             note("interrupted: reporting the scenes that are done")
             break
+        for run in results[name]:
+            run.render = None
+        options.cache.mkdir(parents=True, exist_ok=True)
+        kept.write_bytes(pickle.dumps(found))
     names = [n for n in names if n in results and n in shares]
     results = {n: results[n] for n in names}
     memory = {n: direct_checks.peak_memory(n) for n in MEMORY if n in names and not options.quick}

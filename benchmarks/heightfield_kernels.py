@@ -40,8 +40,9 @@ def measure(options, note) -> Part:
     part = Part("Local horizons against the marcher")
     part.text.append(
         "All local horizons of all points, used in place and not kept. The baseline marches sixteen lines at once in float32"
-        " on the same threads. Iterations: convexity checks of the tree, what its choice looked at by `auto`, a point"
-        " and direction. The fractal is spectral noise; the paper's is midpoint displacement."
+        " on the same threads. Iterations, a point and direction: convexity checks of the tree, one of each child of the root"
+        " in every step and one of each that is hidden or handed on. The fractal is spectral noise; the paper's is midpoint"
+        " displacement."
     )
     table, size = [], 256 if options.quick else 1024
     cases = [(name, size, directions(4), WAYS) for name in PAPER]

@@ -86,7 +86,7 @@ def search(heights, reach, how, room, counts, totals, offsets, overs):
         `SKIPPING`, `EVERY` or `EVERY_FLOAT32` (the fastest naive method, without exact ties: a baseline).
     room : int
         Entries of `offsets` after which to give up.
-    counts, totals : (n, LANES) int32, int64 arrays
+    counts, totals : (n, LANES) int32 arrays
         Horizons of each sample and the sum of their distances in samples, written.
     offsets, overs : (m,) int32, float32 arrays
         Distance in samples and height above the receiver of all horizons: sample by sample, lane by lane, nearest first.
@@ -100,9 +100,10 @@ def search(heights, reach, how, room, counts, totals, offsets, overs):
         Samples looked at by all lanes together, and stretches tested.
     """
     n = len(heights)
-    summits = _summits(heights, BLOCK)
+    summits = _summits(heights[: n if how == SKIPPING else 0], BLOCK)
     higher = _summits(summits, GROUP)
-    words, starts = np.empty((len(summits) + 1, LANES), np.uint32), np.empty(len(summits) + 1, np.int64)
+    size = (n + BLOCK - 1) // BLOCK + 1
+    words, starts = np.empty((size, LANES), np.uint32), np.empty(size, np.int64)
     here, least = np.empty(LANES, np.float32), np.empty(LANES, np.float32)
     rise, run = np.empty(LANES), np.ones(LANES)
     inverse = np.empty(n + 1, np.float32)
@@ -157,45 +158,57 @@ def search(heights, reach, how, room, counts, totals, offsets, overs):
 
 
 @nb.njit(cache=True, parallel=True)
-def _panels(laid, slope, first, bend, reach, how, budget, counts, totals):
-    """Search all lines, a panel a thread; fill ``counts`` and ``totals`` (laid as the field is), return what was found.
+def at_points(values, slope, first, out):
+    """Spread values of samples, (panels, columns, LANES), over the grid points that they stand for, (rows, columns)."""
+    rows = len(out)
+    for p in nb.prange(len(values)):
+        line = first + LANES * p
+        a, b = span(line, LANES, slope, rows, out.shape[1])
+        for x in range(a, b):
+            i, lo, hi = points(line, slope, x, rows)
+            for lane in range(lo, hi):
+                out[i + lane, x] = values[p, x, lane]
 
-    ``budget`` is the room to make a point, 0 to count only. Returns the horizons' offsets and overs panel by panel, where
-    each panel's end, and how much was looked at; ends of -1 mean that room ran out.
+
+@nb.njit(cache=True, parallel=True)
+def _panels(laid, slope, first, bend, reach, how, budget, threads, counts, totals):
+    """Search all lines, each thread a share of the panels; fill ``counts`` and ``totals``, (panels, columns, LANES).
+
+    ``budget`` is the room to make a sample, 0 to count only. Returns the horizons' offsets and overs panel by panel, where
+    each panel's begin, how many there are, and how much was looked at; -1 of them mean that room ran out.
     """
-    columns, rows = counts.shape
-    panels = (rows - first + LANES - 1) // LANES
+    columns, rows, panels = laid.shape[0], laid.shape[1] - 2, len(counts)
     # One sample's worth to spare: room is checked once a sample
     spare = LANES * columns
     room = spare * (budget + 1) if budget else 0
     limit = room - spare if budget else 1
     offsets, overs = np.empty((panels, room), np.int32), np.empty((panels, room), np.float32)
     begins, used, looked = np.zeros(panels, np.int64), np.zeros(panels, np.int64), np.zeros(panels, np.int64)
-    for p in nb.prange(panels):
-        line = first + LANES * p
-        a, b = span(line, LANES, slope, rows, columns)
-        if b > a:
-            sheet = np.empty((b - a + 2, LANES), np.float32)
+    for thread in nb.prange(threads):
+        # Every thread keeps its space
+        sheets = np.empty((columns + 2, LANES), np.float32)
+        nodes, children, sights, sets = tree.work(columns if how == TREE else 0)
+        for p in range(thread, panels, threads):
+            line = first + LANES * p
+            a, b = span(line, LANES, slope, rows, columns)
+            if b <= a:
+                continue
+            sheet, c, t = sheets[: b - a + 2], counts[p, a:b], totals[p, a:b]
             panel(laid, line, slope, a, b, bend, sheet)
-            c, t = np.empty((b - a, LANES), np.int32), np.empty((b - a, LANES), np.int64)
             if how == TREE:
                 sheet[b - a :] = NOWHERE
-                used[p], looked[p] = tree.search(sheet, c, t, offsets[p], overs[p])
-                begins[p] = room - used[p]
+                found = tree.search(sheet, nodes, children, sights, sets, c, t, offsets[p], overs[p])
+                begins[p] = room - found[0]
             else:
-                used[p], looked[p] = search(sheet[: b - a], reach, how, limit, c, t, offsets[p], overs[p])
-            if used[p] >= 0:
-                for x in range(a, b):
-                    i, lo, hi = points(line, slope, x, rows)
-                    if hi > lo:
-                        counts[x, i + lo : i + hi], totals[x, i + lo : i + hi] = c[x - a, lo:hi], t[x - a, lo:hi]
+                found = search(sheet[: b - a], reach, how, limit, c, t, offsets[p], overs[p])
+            used[p], looked[p] = found
     return offsets, overs, begins, used, looked
 
 
 @nb.njit(cache=True, parallel=True)
 def _deliver(order, slope, first, step, curve, counts, starts, offsets, overs, begins, distances, angles):
     # Move every panel's horizons to their points' places, as metres and radians
-    (columns, rows), (origin, down, along) = counts.shape, order
+    (rows, columns), (origin, down, along) = counts.shape, order
     for p in nb.prange(len(offsets)):
         line = first + LANES * p
         a, b = span(line, LANES, slope, rows, columns)
@@ -204,7 +217,7 @@ def _deliver(order, slope, first, step, curve, counts, starts, offsets, overs, b
             begin, lo, hi = points(line, slope, x, rows)
             for i in range(begin + lo, begin + hi):
                 at = starts[origin + i * down + x * along]
-                for _ in range(counts[x, i]):
+                for _ in range(counts[i, x]):
                     k = offsets[p, n]
                     d = k * step
                     # The panel is bent from its first column; seen from the point, the surface falls by the square
@@ -249,22 +262,23 @@ def local_horizons(d, heights, curve: float = 0.0, reach: int | None = None, met
         how = SKIPPING
     else:
         how = TREE
-    counts, sums = (np.zeros(shape[::-1], dtype=t) for t in (np.int32, np.int64))
+    counts, sums = _room(*shape, first)
     far, bend, budget = shape[1] if reach is None else reach, curve * d.step**2, BUDGET
     while True:
-        found = _panels(laid, d.slope, first, bend, far, how, budget, counts, sums)
+        found = _panels(laid, d.slope, first, bend, far, how, budget, nb.get_num_threads(), counts, sums)
         if found[3].min() >= 0:
             break
         budget *= 2
-    starts = np.zeros(heights.size + 1, dtype=np.int64)
-    np.cumsum(packed(d.lift(counts)).ravel(), out=starts[1:])
+    starts, each = np.zeros(heights.size + 1, dtype=np.int64), np.empty(shape, np.int32)
+    at_points(counts, d.slope, first, each)
+    np.cumsum(packed(d.back(each)).ravel(), out=starts[1:])
     distances, angles = (np.empty(starts[-1], dtype=np.float32) for _ in range(2))
-    _deliver(_order(d, heights.shape), d.slope, first, d.step, curve, counts, starts, *found[:3], distances, angles)
+    _deliver(_order(d, heights.shape), d.slope, first, d.step, curve, each, starts, *found[:3], distances, angles)
     return starts, distances, angles, int(found[4].sum()), _naive(shape, d.slope, far)
 
 
 def totals(d, heights, curve: float = 0.0, how: int | None = None):
-    """Use the horizons in place and keep none: their number and the sum of their distances (in samples) at every point.
+    """Use the horizons in place and keep none: of every sample, their number and the sum of their distances in samples.
 
     Parameters
     ----------
@@ -275,16 +289,22 @@ def totals(d, heights, curve: float = 0.0, how: int | None = None):
 
     Returns
     -------
-    counts : (rows · columns,) int32 array
-    totals : (rows · columns,) int64 array
+    counts, totals : (panels, columns, LANES) int32 arrays
+        By the lines that points share, for `at_points`; the totals of fields of up to 65,535 samples a side.
     looked : int
     """
-    laid = lay(heights, d)
-    first = first_line(d.slope, len(laid))
+    laid, shape = lay(heights, d), d.turn(heights).shape
+    first = first_line(d.slope, shape[1])
+    counts, sums = _room(*shape, first)
     how = TREE if how is None else how
-    counts, sums = (np.zeros(d.lay(heights).shape, dtype=t) for t in (np.int32, np.int64))
-    found = _panels(laid, d.slope, first, curve * d.step**2, len(laid), how, 0, counts, sums)
-    return *(packed(d.lift(v)).ravel() for v in (counts, sums)), int(found[4].sum())
+    found = _panels(laid, d.slope, first, curve * d.step**2, shape[1], how, 0, nb.get_num_threads(), counts, sums)
+    return counts, sums, int(found[4].sum())
+
+
+def _room(rows, columns, first):
+    # For the counts and totals of all lines
+    panels = (rows - first + LANES - 1) // LANES
+    return np.empty((panels, columns, LANES), np.int32), np.empty((panels, columns, LANES), np.int32)
 
 
 def _naive(shape, slope, reach):

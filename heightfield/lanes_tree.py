@@ -15,7 +15,6 @@ from .lanes import _F32, _I32, LANES, _load, _pointer, _splat
 PART = 8  # lanes at a time: what registers hold
 
 _F64 = ir.VectorType(ir.DoubleType(), PART)
-_I64 = ir.VectorType(ir.IntType(64), LANES)
 _INT = ir.IntType(64)
 _BOOLS = ir.VectorType(ir.IntType(1), LANES)
 
@@ -147,17 +146,13 @@ def put(typingctx, number, total, bits, counts, totals, row):
     def generate(context, builder, signature, arguments):
         number, total, bits, counts, totals, row = arguments
         kinds = signature.args
-        mask = _mask(builder, bits)
+        more = builder.zext(_mask(builder, bits), _I32)
         n = _load(builder, _pointer(context, builder, kinds[0], number, _I32))
-        at = _pointer(context, builder, kinds[1], total, _I64)
-        t = _load(builder, at, 8)
-        builder.store(
-            builder.add(n, builder.zext(mask, _I32)), _pointer(context, builder, kinds[3], counts, _I32, row), align=4
-        )
-        builder.store(
-            builder.add(t, builder.zext(mask, _I64)), _pointer(context, builder, kinds[4], totals, _I64, row), align=8
-        )
-        builder.store(builder.add(t, builder.zext(n, _I64)), at, align=8)
+        at = _pointer(context, builder, kinds[1], total, _I32)
+        t = _load(builder, at)
+        for k, array, value in ((3, counts, n), (4, totals, t)):
+            builder.store(builder.add(value, more), _pointer(context, builder, kinds[k], array, _I32, row), align=4)
+        builder.store(builder.add(t, n), at, align=4)
         return context.get_dummy_value()
 
     return sig, generate

@@ -12,7 +12,7 @@ import numba as nb
 import numpy as np
 
 from .lanes import LANES
-from .sweep import packed
+from .sweep import copy
 
 NOWHERE = np.float32(-np.inf)  # height of a sample beyond the border
 
@@ -48,9 +48,10 @@ def points(first, slope, column, rows):
 
 def lay(heights, d) -> np.ndarray:
     """Lay (rows, columns) heights, north up, for `panel`: columns first, the rows at the border once more beyond it."""
-    inner = packed(d.lay(heights))
-    out = np.empty((inner.shape[0], inner.shape[1] + 2), np.float32)
-    out[:, 0], out[:, 1:-1], out[:, -1] = inner[:, 0], inner, inner[:, -1]
+    grid = d.lay(heights)
+    out = np.empty((grid.shape[0], grid.shape[1] + 2), np.float32)
+    copy(grid, out[:, 1:-1])
+    out[:, 0], out[:, -1] = out[:, 1], out[:, -2]
     return out
 
 

@@ -74,16 +74,19 @@ def _tile_row(grid, t, out):
 
 
 @nb.njit(cache=True, parallel=True)
-def _tiles(grid):
-    out = np.empty(grid.shape, grid.dtype)
+def copy(grid, out):
+    """Copy a two-dimensional view to another."""
     for t in nb.prange((grid.shape[0] + TILE - 1) // TILE):
         _tile_row(grid, t, out)
-    return out
 
 
 def packed(grid: np.ndarray) -> np.ndarray:
     """Return a contiguous copy of a two-dimensional view, or the view itself if it is contiguous."""
-    return np.ascontiguousarray(grid) if abs(grid.strides[1]) == grid.itemsize else _tiles(grid)
+    if abs(grid.strides[1]) == grid.itemsize:
+        return np.ascontiguousarray(grid)
+    out = np.empty(grid.shape, grid.dtype)
+    copy(grid, out)
+    return out
 
 
 @nb.njit(cache=True, error_model="numpy")

@@ -62,15 +62,25 @@ def _keep(flat, nodes, opened, last, number, seen, old_too, receiver, at, offset
     return at
 
 
+@nb.njit(cache=True)
+def work(columns):
+    """Make the work space of `search` for panels of up to so many samples: nodes, children and lines of slots, three sets."""
+    n = columns + 2
+    sets = np.empty((3, n), np.int64)
+    return np.empty(n * FIELDS, np.int32), np.empty(n * LANES, np.int32), np.empty(n * 2 * LANES, np.float32), sets
+
+
 @nb.njit(cache=True, error_model="numpy")
-def search(heights, counts, totals, offsets, overs):
+def search(heights, nodes, C, lines, sets, counts, totals, offsets, overs):
     """Find the horizons of every sample of a panel, from its far end to its start.
 
     Parameters
     ----------
     heights : (n + 2, LANES) float32 array
         As `lines.panel` lays them out, and two rows that are `NOWHERE`.
-    counts, totals : (n, LANES) int32, int64 arrays
+    nodes, C, lines, sets : arrays
+        As `work` makes them.
+    counts, totals : (n, LANES) int32 arrays
         Horizons of each sample and the sum of their distances in samples, written.
     offsets, overs : (m,) int32, float32 arrays
         As those of `intervisibility.search`, but at the arrays' end.
@@ -80,23 +90,20 @@ def search(heights, counts, totals, offsets, overs):
     used : int
         Entries written, or -1 if there was no room.
     checks : int
-        Convexity checks: the paper's iterations.
+        Convexity checks, the paper's iterations: in every step one of each child of the root and one of the old root, and
+        one of each child that is hidden, handed on, or new to the root.
     """
     n = len(heights) - 2
     # Flat rows of sixteen. A slot holds a child C of each lane's root, its line, and whether it is open; hint: lowest slot
     # that may be free. Of each lane: last, toph: nearest child and its height; number, total: closed children, distances
     flat = heights.reshape(-1)
-    nodes = np.empty((n + 2) * FIELDS, np.int32)  # rows of children, next, previous, slots
-    fresh = np.zeros(n + 2, np.int64)
-    C = np.empty((n + 2) * LANES, np.int32)
-    lines = np.empty((n + 2) * 2 * LANES, np.float32)
-    opened = np.zeros(n + 2, np.int64)
-    used = np.zeros(n + 2, np.int64)
+    sets[:] = 0
+    fresh, opened, used = sets[0], sets[1], sets[2]
     hint = np.zeros(LANES, np.int64)
     last = np.full(LANES, NONE)
     toph = np.full(LANES, np.float32(np.inf))
     number = np.zeros(LANES, np.int32)
-    total = np.zeros(LANES, np.int64)
+    total = np.zeros(LANES, np.int32)
     room = len(offsets)
     at = room
     near = 0
@@ -140,7 +147,7 @@ def search(heights, counts, totals, offsets, overs):
                     nodes[end * FIELDS + lane * 4 + NEARER] = p
                 end = np.int32(p)
                 number[lane] += 1
-                total[lane] += 2
+                total[lane] += np.int32(2)
                 elems += 1
             else:
                 hr = np.float64(flat[r * LANES + lane])
@@ -168,7 +175,7 @@ def search(heights, counts, totals, offsets, overs):
                     checks += 1
                 hint[lane] = low
                 number[lane] -= nn
-                total[lane] -= tt
+                total[lane] -= np.int32(tt)
                 nodes[old * FIELDS + lane * 4 + CHILD] = f
                 end = c
             last[lane] = end
@@ -195,7 +202,10 @@ def search(heights, counts, totals, offsets, overs):
                 if not opened[e] & bit:
                     nn -= np.int32(1)
                     tt -= c - r
+                # The child itself is among those that a step has counted
+                checks -= 1
                 while c != far:
+                    checks += 1
                     q = c * FIELDS + lane * 4
                     hc = np.float64(flat[c * LANES + lane]) - hr
                     dc = np.float64(c - r)
@@ -256,7 +266,7 @@ def search(heights, counts, totals, offsets, overs):
                     hint[lane] = min(hint[lane], slot)
                     elems -= 1
                 number[lane] += nn
-                total[lane] += tt
+                total[lane] += np.int32(tt)
             e += 1
         if room:
             if at < elems + LANES:

@@ -227,8 +227,11 @@ def test_totals_are_those_of_the_lists():
     d = direction(1.1, (1, 1))
     offsets, distances, *_ = iv.local_horizons(d, h)
     for how in (iv.SKIPPING, iv.EVERY, iv.TREE):
-        counts, sums, _ = iv.totals(d, h, how=how)
-        np.testing.assert_array_equal(counts, np.diff(offsets))
+        found = [np.empty(d.turn(h).shape, np.int32) for _ in range(2)]
+        for values, out in zip(iv.totals(d, h, how=how)[:2], found, strict=True):
+            iv.at_points(values, d.slope, iv.first_line(d.slope, out.shape[1]), out)
+        counts, sums = (d.back(v) for v in found)
+        np.testing.assert_array_equal(counts.ravel(), np.diff(offsets))
         assert sums.sum() == pytest.approx(distances.sum() / d.step, rel=1e-4)
 
 
