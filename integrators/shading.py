@@ -25,6 +25,8 @@ from .points import net_2d
 from .proof import collect_blockers
 from .rectangle import FLOOR, Rectangle
 
+LISTED = 32  # most lights whose importances a hit keeps at hand
+
 
 @dataclass
 class Shading:
@@ -274,8 +276,7 @@ def single_light(surface: Surface, guess, mask, rays, s, s0, s1, refine):
 def several_lights(surface: Surface, trust, rays, s, keys):
     """Estimate many lights at a hit: one light a ray, chosen by what it would add and how visible it has been.
 
-    The rays' choices are a systematic sample of the lights (one pass over them), so lights that matter equally are
-    visited equally.
+    The rays' choices are stratified over the lights, so lights that matter equally are visited equally.
 
     Parameters
     ----------
@@ -297,25 +298,47 @@ def several_lights(surface: Surface, trust, rays, s, keys):
     """
     lights = surface.shading.lights
     active = mi.Bool(surface.active)
+    listed = lights.count <= LISTED
+    # Sums of the lights' importances up to each, kept at hand if they are few
+    upto = dr.alloc_local(mi.Float, lights.count if listed else 1)
     count = dr.opaque(mi.UInt32, lights.count)
-    l, total = mi.UInt32(0), mi.Float(0)
+    # Of full width from the start: local memory is a lane's own
+    none = 0 * s
+    l, total = mi.UInt32(none), mi.Float(none)
     while l < count:
         total += surface.importance(l) * trust(l)
+        if dr.hint(listed, mode="scalar"):
+            upto.write(total, l)
         l += 1
     active &= total > 0
 
     value, bright, traced = mi.Spectrum(0), mi.Spectrum(0), mi.UInt32(0)
-    r, l, before = mi.UInt32(0), mi.UInt32(0), mi.Float(0)
-    weight = surface.importance(l) * trust(l)
+    r, l, before, odd = mi.UInt32(0), mi.UInt32(0), mi.Float(0), turn(s, rays)
+    weight = mi.Float(0)
+    if dr.hint(not listed, mode="scalar"):
+        weight = surface.importance(l) * trust(l)
     while active & (r < rays):
-        # Each stratum of the lights has its own sequence over the hits; a light takes over the rest of the coordinate
-        salt = r * mi.UInt32(0x9E3779B9)
-        u = net_2d(s, keys[0] ^ salt, keys[1] ^ salt)
-        target = (mi.Float(r) + u.x) / mi.Float(rays) * total
-        while (before + weight <= target) & (l + 1 < count):
-            before += weight
-            l += 1
-            weight = surface.importance(l) * trust(l)
+        if dr.hint(listed, mode="scalar"):
+            # One net over all lights, each as wide as it is important
+            u = net_2d(s * rays + (r ^ odd), keys[0], keys[1])
+            target = u.x * total
+            l, high = mi.UInt32(none), none + count - 1
+            while l < high:
+                middle = (l + high) >> 1
+                above = upto.read(middle) <= target
+                l, high = dr.select(above, middle + 1, l), dr.select(above, high, middle)
+            before = dr.select(l > 0, upto.read(dr.maximum(l, 1) - 1), 0)
+            weight = upto.read(l) - before
+        else:
+            # Each stratum of the lights has its own sequence over the hits, so that one pass over the lights does
+            salt = r * mi.UInt32(0x9E3779B9)
+            u = net_2d(s, keys[0] ^ salt, keys[1] ^ salt)
+            target = (mi.Float(r) + u.x) / mi.Float(rays) * total
+            while (before + weight <= target) & (l + 1 < count):
+                before += weight
+                l += 1
+                weight = surface.importance(l) * trust(l)
+        # A light takes over the rest of the coordinate
         chance = weight / total
         u.x = dr.clip((target - before) / dr.maximum(weight, 1e-30), 0, 1 - 2**-20)
         ds, w = surface.light_sample(l, u, active & (chance > 0))
