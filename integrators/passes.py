@@ -201,7 +201,8 @@ def pilot(shading: Shading, frame: Frame, seed, rays: int, probe: bool) -> Pilot
 def _probe(shading: Shading, frame: Frame, seed, index, rays):
     """Unshadowed light and emission of another hit a pixel, whose luminance tells of edges inside the pixel."""
     keys = scramble(index, seed, 2)
-    s = mi.UInt32(0)
+    # As wide as the film: lights keep their importances lane by lane
+    s = 0 * index
     ray, si, emission, weight, _ = first_hit(shading, frame, frame.corner(index), s, keys)
     surface = Surface(shading, si, si.is_valid(), rays)
     surface.blind = True
