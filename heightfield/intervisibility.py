@@ -186,18 +186,18 @@ def _panels(laid, slope, first, bend, reach, how, budget, threads, counts, total
     begins, used, looked = np.zeros(panels, np.int64), np.zeros(panels, np.int64), np.zeros(panels, np.int64)
     for thread in nb.prange(threads):
         # Every thread keeps its space
-        sheets = np.empty((columns + 2, LANES), np.float32)
-        nodes, children, sights, sets = tree.work(columns if how == TREE else 0)
+        sheets = np.empty((columns + 3, LANES), np.float32)
+        space = tree.work(columns if how == TREE else 0)
         for p in range(thread, panels, threads):
             line = first + LANES * p
             a, b = span(line, LANES, slope, rows, columns)
             if b <= a:
                 continue
-            sheet, c, t = sheets[: b - a + 2], counts[p, a:b], totals[p, a:b]
+            sheet, c, t = sheets[: b - a + 3], counts[p, a:b], totals[p, a:b]
             panel(laid, line, slope, a, b, bend, sheet)
             if how == TREE:
-                sheet[b - a :] = NOWHERE
-                found = tree.search(sheet, nodes, children, sights, sets, c, t, offsets[p], overs[p])
+                sheet[b - a :], sheet[b - a + 2] = NOWHERE, -NOWHERE
+                found = tree.search(sheet, space, c, t, offsets[p], overs[p])
                 begins[p] = room - found[0]
             else:
                 found = search(sheet[: b - a], reach, how, limit, c, t, offsets[p], overs[p])

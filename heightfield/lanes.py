@@ -48,6 +48,14 @@ def sixteen(context, builder, kind, value, place):
     return _load(builder, builder.bitcast(address(context, builder, kind, value, place), ir.PointerType(_F32)))
 
 
+def prefetch(builder, pointer):
+    """Bring the cache line of an address near."""
+    byte, number = ir.IntType(8).as_pointer(), ir.IntType(32)
+    kind = ir.FunctionType(ir.VoidType(), [byte, number, number, number])
+    call = builder.module.declare_intrinsic("llvm.prefetch", [byte], kind)
+    builder.call(call, [builder.bitcast(pointer, byte), *(ir.Constant(number, v) for v in (0, 3, 1))])
+
+
 def _any(builder, mask):
     whole = builder.bitcast(mask, ir.IntType(LANES))
     return builder.icmp_unsigned("!=", whole, ir.Constant(ir.IntType(LANES), 0))
@@ -186,3 +194,27 @@ def lowest_bit(typingctx, word):
         return builder.zext(place, ir.IntType(64))
 
     return types.int64(types.uint32), generate
+
+
+@intrinsic
+def between(typingctx, values, place, share, drop, out, row):
+    """Write to row ``row`` what lies ``share`` of the way from elements ``place`` and on to those after them, less ``drop``.
+
+    ``values`` is a flat float32 array, ``out`` one of sixteen a row; computed in float64.
+    """
+    sig = types.void(values, types.intp, types.float64, types.float64, out, types.intp)
+
+    def generate(context, builder, signature, arguments):
+        values, place, share, drop, out, row = arguments
+        kinds = signature.args
+        near, far = (
+            builder.fpext(sixteen(context, builder, kinds[0], values, builder.add(place, ir.Constant(place.type, k))), _F64)
+            for k in (0, 1)
+        )
+        more = builder.fmul(_splat(builder, share, _F64), builder.fsub(far, near))
+        value = builder.fsub(builder.fadd(near, more), _splat(builder, drop, _F64))
+        target = _pointer(context, builder, kinds[4], out, _F32, row)
+        builder.store(builder.fptrunc(value, _F32), target, align=4)
+        return context.get_dummy_value()
+
+    return sig, generate

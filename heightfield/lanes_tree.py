@@ -10,7 +10,7 @@ from numba import types
 from numba.core import cgutils
 from numba.extending import intrinsic
 
-from .lanes import _F32, _I32, LANES, _load, _pointer, _splat
+from .lanes import _F32, _I32, LANES, _load, _pointer, _splat, address, prefetch
 
 PART = 8  # lanes at a time: what registers hold
 
@@ -83,47 +83,50 @@ def classify(typingctx, heights, receiver, top, top_height):
 
 
 @intrinsic
-def crossed(typingctx, lines, opened, used, first, last, heights, receiver, active):
-    """Return the first level from ``first`` where a receiver may have crossed a child's line, and in which lanes."""
-    sig = types.UniTuple(types.int64, 2)(lines, opened, used, types.intp, types.intp, heights, types.intp, types.int64)
+def crossed(typingctx, lines, opened, used, last, heights, receiver, active, found):
+    """Find the levels where receivers may have crossed a child's line: ``level · 2¹⁶ + lanes``, written to ``found``.
+
+    Returns how many there are.
+    """
+    sig = types.int64(lines, opened, used, types.intp, heights, types.intp, types.int64, found)
 
     def generate(context, builder, signature, arguments):
-        lines, opened, used, first, last, heights, receiver, active = arguments
+        lines, opened, used, last, heights, receiver, active, found = arguments
         kinds = signature.args
         r = _splat(builder, builder.sitofp(receiver, ir.FloatType()), _F32)
-        here = _load(builder, _pointer(context, builder, kinds[5], heights, _F32, receiver))
-        found = cgutils.alloca_once(builder, _INT)
-        bits = cgutils.alloca_once(builder, _INT)
-        builder.store(last, found)
-        builder.store(ir.Constant(_INT, 0), bits)
-        words, there = (context.make_array(kinds[k])(context, builder, value=v).data for k, v in ((1, opened), (2, used)))
-        one, two = (ir.Constant(_INT, k) for k in (1, 2))
-        with cgutils.for_range(builder, last, start=first, intp=_INT) as loop:
-            row = builder.mul(loop.index, two)
-            both = row, builder.add(row, one)
-            at, by = (_load(builder, _pointer(context, builder, kinds[0], lines, _F32, k)) for k in both)
+        here = _load(builder, _pointer(context, builder, kinds[4], heights, _F32, receiver))
+        zero, one, two = (ir.Constant(_INT, k) for k in (0, 1, 2))
+        count = cgutils.alloca_once_value(builder, zero)
+
+        def each(k, place):
+            return address(context, builder, kinds[k], arguments[k], place)
+
+        with cgutils.for_range(builder, last, intp=_INT) as loop:
+            e, row = loop.index, builder.mul(loop.index, two)
+            at, by = (
+                _load(builder, _pointer(context, builder, kinds[0], lines, _F32, k)) for k in (row, builder.add(row, one))
+            )
             above = builder.fcmp_ordered(">", here, builder.fadd(at, builder.fmul(by, r)))
-            was = builder.load(builder.gep(words, [loop.index]))
-            word = builder.zext(builder.bitcast(above, ir.IntType(LANES)), _INT)
-            new = builder.and_(builder.xor(word, was), builder.and_(active, builder.load(builder.gep(there, [loop.index]))))
-            with cgutils.if_unlikely(builder, builder.icmp_unsigned("!=", new, ir.Constant(_INT, 0))):
-                builder.store(loop.index, found)
-                builder.store(new, bits)
-                loop.do_break()
-        return context.make_tuple(builder, signature.return_type, [builder.load(found), builder.load(bits)])
+            new = builder.xor(builder.zext(builder.bitcast(above, ir.IntType(LANES)), _INT), builder.load(each(1, e)))
+            new = builder.and_(new, builder.and_(active, builder.load(each(2, e))))
+            # Written in any case, and overwritten unless it counts
+            n = builder.load(count)
+            builder.store(builder.or_(builder.shl(e, ir.Constant(_INT, LANES)), new), each(7, n))
+            builder.store(builder.add(n, builder.zext(builder.icmp_unsigned("!=", new, zero), _INT)), count)
+        return builder.load(count)
 
     return sig, generate
 
 
 @intrinsic
-def begin(typingctx, nodes, old, bits):
-    """Begin the old root's nodes: its only child is the sample before where ``bits`` say so, elsewhere it has none."""
-    sig = types.void(nodes, types.intp, types.int64)
+def begin(typingctx, nodes, old, bits, none):
+    """Begin the old root's nodes: its only child is the sample before where ``bits`` say so, elsewhere it has ``none``."""
+    sig = types.void(nodes, types.intp, types.int64, types.intp)
 
     def generate(context, builder, signature, arguments):
-        nodes, old, bits = arguments
+        nodes, old, bits, none = arguments
         kinds = signature.args
-        none = ir.Constant(_I32, [-1] * LANES)
+        none = _splat(builder, builder.trunc(none, ir.IntType(32)), _I32)
         p = builder.add(old, ir.Constant(_INT, 1))
         each = _splat(builder, builder.trunc(p, ir.IntType(32)), _I32)
         child = builder.select(_mask(builder, bits), each, none)
@@ -156,3 +159,14 @@ def put(typingctx, number, total, bits, counts, totals, row):
         return context.get_dummy_value()
 
     return sig, generate
+
+
+@intrinsic
+def fetch(typingctx, array, place):
+    """Bring an element of a contiguous array near: it will be read soon."""
+
+    def generate(context, builder, signature, arguments):
+        prefetch(builder, address(context, builder, signature.args[0], *arguments))
+        return context.get_dummy_value()
+
+    return types.void(array, types.intp), generate

@@ -11,7 +11,7 @@ from __future__ import annotations
 import numba as nb
 import numpy as np
 
-from .lanes import LANES
+from .lanes import LANES, between
 from .sweep import copy
 
 NOWHERE = np.float32(-np.inf)  # height of a sample beyond the border
@@ -67,11 +67,10 @@ def panel(laid, first, slope, start, end, bend, out):
         How far the surface falls away over one column, for the Earth's curvature: ``bend · k²`` is subtracted. With one datum
         a line, that turns every sight line of a receiver by the same slope and changes no order.
     """
-    rows = laid.shape[1] - 2
+    rows, flat = laid.shape[1] - 2, laid.reshape(-1)
     for x in range(start, end):
         k = x - start
-        line, fall = out[k], bend * k * k
-        line[:] = NOWHERE
+        fall = bend * k * k
         # All lanes lie alike between their rows; whole rows are told apart from what rounding makes of them
         shift = slope * x
         r = np.floor(shift + 1e-9)
@@ -81,11 +80,10 @@ def panel(laid, first, slope, start, end, bend, out):
         _, a, b = points(first, slope, x, rows)
         if b - a == LANES:
             # On the field in all lanes
-            near, far = laid[x, begin : begin + LANES], laid[x, begin + 1 : begin + 1 + LANES]
-            for lane in range(LANES):
-                h = np.float64(near[lane])
-                line[lane] = np.float32(h + f * (np.float64(far[lane]) - h) - fall)
+            between(flat, x * (rows + 2) + begin, f, fall, out, k)
             continue
+        line = out[k]
+        line[:] = NOWHERE
         near, far = laid[x, max(begin, 0) :], laid[x, max(begin + 1, 0) :]
         skip, ahead = min(begin, 0), min(begin + 1, 0)
         for lane in range(a, b):

@@ -74,10 +74,27 @@ def _tile_row(grid, t, out):
 
 
 @nb.njit(cache=True, parallel=True)
-def copy(grid, out):
-    """Copy a two-dimensional view to another."""
+def _tiles(grid, out):
     for t in nb.prange((grid.shape[0] + TILE - 1) // TILE):
         _tile_row(grid, t, out)
+
+
+@nb.njit(cache=True)
+def _row(grid, i, out):
+    for j in range(grid.shape[1]):
+        out[i, j] = grid[i, j]
+
+
+@nb.njit(cache=True, parallel=True)
+def _rows(grid, out):
+    for i in nb.prange(len(grid)):
+        _row(grid, i, out)
+
+
+def copy(grid, out):
+    """Copy a two-dimensional view to another."""
+    whole = all(abs(view.strides[1]) == view.itemsize for view in (grid, out))
+    (_rows if whole else _tiles)(grid, out)
 
 
 def packed(grid: np.ndarray) -> np.ndarray:

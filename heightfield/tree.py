@@ -15,70 +15,209 @@ receiver may have crossed one does the tree follow pointers. The children's orde
 
 from __future__ import annotations
 
+from collections import namedtuple
+
 import numba as nb
 import numpy as np
 
 from .lanes import LANES, lowest_bit
-from .lanes_tree import begin, classify, crossed, put
+from .lanes_tree import begin, classify, crossed, fetch, put
 
-NONE = np.int32(-1)
-CHILD, FARTHER, NEARER, SLOT = range(4)  # of a node: first child, neighbours among its parent's children, place in `lines`
+CHILD, FARTHER, NEARER, SLOT = (np.uint64(k) for k in range(4))  # of a node: first child, neighbours, place in `lines`
 FIELDS = 4 * LANES  # of the nodes of a row
 MARGIN = 4e-7  # of a line, wider than its rounding
 LEAST = 1e-30  # of the same
 
+# The trees of sixteen lines, in flat rows of sixteen. Of samples: their heights, nodes, and whether a path starts there
+# (fresh, a bit a lane). Of slots: the child of the root that each holds, its line (two rows), whether it is open, whether it is
+# used. Of lanes: the lowest slot that may be free; the root's nearest child and its height; closed children, their distances
+Trees = namedtuple("Trees", "heights nodes fresh children lines opened used hint last top number total")
+
 
 @nb.njit(cache=True, inline="always")
-def _draw(slot, lane, c, target, is_open, flat, lines):
-    # Put the line through child c and its target in a slot, moved by what rounding may make of it
-    h, ht = np.float64(flat[c * LANES + lane]), np.float64(flat[target * LANES + lane])
+def _spot(row, lane):
+    # Of a sample or slot. Unsigned: numba asks of others whether they count from the end
+    return np.uint64(row * LANES + lane)
+
+
+@nb.njit(cache=True, inline="always")
+def _node(row, lane):
+    return np.uint64(row * FIELDS + lane * 4)
+
+
+@nb.njit(cache=True, inline="always")
+def _height(t, row, lane):
+    return np.float64(t.heights[_spot(row, lane)])
+
+
+@nb.njit(cache=True, inline="always")
+def _take(t, lane):
+    # The lowest free slot
+    slot = t.hint[lane]
+    while t.used[np.uint64(slot)] >> lane & 1:
+        slot += 1
+    t.hint[lane] = slot + 1
+    t.used[np.uint64(slot)] |= 1 << lane
+    return slot
+
+
+@nb.njit(cache=True, inline="always")
+def _draw(t, slot, lane, c, target, is_open):
+    # Put child c and the line through it and its target in a slot, the line moved by what rounding may make of it
+    h, ht = _height(t, c, lane), _height(t, target, lane)
     at, by = np.inf, 0.0
     if ht != -np.inf:
         by = (ht - h) / np.float64(target - c)
         far = by * c
         margin = MARGIN * (abs(far) + abs(h)) + LEAST
         at = h - far + (margin if is_open else -margin)
-    lines[slot * 2 * LANES + lane], lines[(slot * 2 + 1) * LANES + lane] = at, by
+    t.lines[_spot(2 * slot, lane)], t.lines[_spot(2 * slot + 1, lane)] = at, by
+    t.children[_spot(slot, lane)] = c
+    t.nodes[_node(c, lane) + SLOT] = slot
+    k = np.uint64(slot)
+    t.opened[k] = (t.opened[k] & ~(1 << lane)) | (np.int64(is_open) << lane)
+
+
+@nb.njit(cache=True, inline="always")
+def _add(t, p, lane, none):
+    # Make p the nearest child of the root; return its slot
+    q = _node(p, lane)
+    g = np.int64(t.nodes[q + CHILD])
+    slot = _take(t, lane)
+    _draw(t, slot, lane, p, p + 1 if g == none else g, False)
+    c = np.int64(t.last[lane])
+    t.nodes[q + FARTHER] = c
+    t.nodes[_node(c, lane) + NEARER] = p
+    t.last[lane], t.top[lane] = p, t.heights[_spot(p, lane)]
+    t.number[lane] += np.int32(1)
+    t.total[lane] += np.int32(2)
+    return slot
+
+
+@nb.njit(cache=True, inline="always")
+def _hide(t, r, lane, after, none):
+    # Leave the nearest children, hidden behind sample r + 1, to it, after its child r + 2 if it has that; return how many
+    old, here = r + 1, _height(t, r, lane)
+    s = _height(t, old, lane) - here
+    c = first = np.int64(t.last[lane])
+    if after:
+        t.nodes[_node(c, lane) + NEARER] = old + 1
+        t.nodes[_node(old + 1, lane) + FARTHER] = c
+    hidden, number, total, low = 0, 0, 0, t.hint[lane]
+    while not _height(t, c, lane) - here > s * np.float64(c - r):
+        q = _node(c, lane)
+        slot = np.int64(t.nodes[q + SLOT])
+        k = np.uint64(slot)
+        closed = 1 - (t.opened[k] >> lane & 1)
+        t.used[k] &= ~(1 << lane)
+        low = min(low, slot)
+        number += closed
+        total += closed * (c - r)
+        hidden += 1
+        first, c = c, np.int64(t.nodes[q + FARTHER])
+    t.hint[lane] = low
+    t.number[lane] -= np.int32(number)
+    t.total[lane] -= np.int32(total)
+    t.nodes[_node(old, lane) + CHILD] = first
+    t.nodes[_node(c, lane) + NEARER] = none
+    t.last[lane], t.top[lane] = c, t.heights[_spot(c, lane)]
+    return hidden
+
+
+@nb.njit(cache=True, inline="always")
+def _mend(t, r, slot, lane, none):
+    # Hand on the children of a slot's child that it hides no longer, and theirs; return the new children less the old, the
+    # highest slot of a new one, and the checks made but for the first
+    bit, here = 1 << lane, _height(t, r, lane)
+    c = np.int64(t.children[_spot(slot, lane)])
+    far = np.int64(t.nodes[_node(c, lane) + FARTHER])
+    number = (t.opened[np.uint64(slot)] >> lane & 1) - 1
+    total = number * (c - r)
+    more, high, checks = 0, -1, -1
+    while c != far:
+        q = _node(c, lane)
+        h, d = _height(t, c, lane) - here, np.float64(c - r)
+        g = np.int64(t.nodes[q + CHILD])
+        x = b = g
+        checks += 1
+        while (_height(t, x, lane) - here) * d > h * np.float64(x - r):
+            b, x = x, np.int64(t.nodes[_node(x, lane) + NEARER])
+            checks += 1
+        if x != g:
+            # Children g to b come before c
+            before = np.int64(t.nodes[q + FARTHER])
+            t.nodes[_node(g, lane) + FARTHER] = before
+            t.nodes[_node(before, lane) + NEARER] = g
+            t.nodes[q + CHILD] = x
+            if x == none and not t.fresh[np.uint64(c)] & bit:
+                # In place of c, if it starts no path
+                after = np.int64(t.nodes[q + NEARER])
+                t.nodes[_node(b, lane) + NEARER] = after
+                t.nodes[_node(after, lane) + FARTHER] = b
+                if c == t.last[lane]:
+                    t.last[lane], t.top[lane] = b, t.heights[_spot(b, lane)]
+                c = b
+                continue
+            t.nodes[_node(b, lane) + NEARER] = c
+            t.nodes[q + FARTHER] = b
+        if slot < 0:
+            slot = _take(t, lane)
+            high = max(high, slot)
+            more += 1
+        alone = x == none
+        target = c + 1 if alone else x
+        is_open = alone & ((_height(t, target, lane) - here) * d > h * (d + 1.0))
+        _draw(t, slot, lane, c, target, is_open)
+        number += 1 - np.int64(is_open)
+        total += (1 - np.int64(is_open)) * (c - r)
+        slot, c = -1, np.int64(t.nodes[q + FARTHER])
+    if slot >= 0:
+        t.used[np.uint64(slot)] &= ~bit
+        t.hint[lane] = min(t.hint[lane], slot)
+        more -= 1
+    t.number[lane] += np.int32(number)
+    t.total[lane] += np.int32(total)
+    return more, high, checks
 
 
 @nb.njit(cache=True)
-def _keep(flat, nodes, opened, last, number, seen, old_too, receiver, at, offsets, overs):
+def _keep(t, receiver, seen, old_too, end, at, offsets, overs):
     # Write the horizons of a row before place `at`, nearest first; return the place of the first
     for lane in range(LANES - 1, -1, -1):
         if seen >> lane & 1:
-            here = flat[receiver * LANES + lane]
-            at -= number[lane] + (old_too >> lane & 1)
+            here = t.heights[_spot(receiver, lane)]
+            at -= t.number[lane] + (old_too >> lane & 1)
             n = at
             if old_too >> lane & 1:
-                offsets[n], overs[n] = 1, flat[(receiver + 1) * LANES + lane] - here
+                offsets[n], overs[n] = 1, t.heights[_spot(receiver + 1, lane)] - here
                 n += 1
-            c = last[lane]
-            while c != NONE:
-                q = c * FIELDS + lane * 4
-                if not opened[nodes[q + SLOT]] >> lane & 1:
-                    offsets[n], overs[n] = c - receiver, flat[c * LANES + lane] - here
+            c = np.int64(t.last[lane])
+            while c != end:
+                q = _node(c, lane)
+                if not t.opened[t.nodes[q + SLOT]] >> lane & 1:
+                    offsets[n], overs[n] = c - receiver, t.heights[_spot(c, lane)] - here
                     n += 1
-                c = nodes[q + FARTHER]
+                c = np.int64(t.nodes[q + FARTHER])
     return at
 
 
 @nb.njit(cache=True)
 def work(columns):
-    """Make the work space of `search` for panels of up to so many samples: nodes, children and lines of slots, three sets."""
-    n = columns + 2
-    sets = np.empty((3, n), np.int64)
-    return np.empty(n * FIELDS, np.int32), np.empty(n * LANES, np.int32), np.empty(n * 2 * LANES, np.float32), sets
+    """Make the work space of `search` for panels of up to so many samples."""
+    n = columns + 3
+    nodes, children, lines = np.empty(n * FIELDS, np.int32), np.empty(n * LANES, np.int32), np.empty(2 * n * LANES, np.float32)
+    return nodes, children, lines, np.empty((3, n), np.int64), np.empty((2, n * LANES), np.int64)
 
 
 @nb.njit(cache=True, error_model="numpy")
-def search(heights, nodes, C, lines, sets, counts, totals, offsets, overs):
+def search(heights, space, counts, totals, offsets, overs):
     """Find the horizons of every sample of a panel, from its far end to its start.
 
     Parameters
     ----------
-    heights : (n + 2, LANES) float32 array
-        As `lines.panel` lays them out, and two rows that are `NOWHERE`.
-    nodes, C, lines, sets : arrays
+    heights : (n + 3, LANES) float32 array
+        As `lines.panel` lays them out, then two rows that are `NOWHERE` and one that is infinite.
+    space : tuple of arrays
         As `work` makes them.
     counts, totals : (n, LANES) int32 arrays
         Horizons of each sample and the sum of their distances in samples, written.
@@ -93,185 +232,75 @@ def search(heights, nodes, C, lines, sets, counts, totals, offsets, overs):
         Convexity checks, the paper's iterations: in every step one of each child of the root and one of the old root, and
         one of each child that is hidden, handed on, or new to the root.
     """
-    n = len(heights) - 2
-    # Flat rows of sixteen. A slot holds a child C of each lane's root, its line, and whether it is open; hint: lowest slot
-    # that may be free. Of each lane: last, toph: nearest child and its height; number, total: closed children, distances
-    flat = heights.reshape(-1)
+    n = len(heights) - 3
+    # Chains of children end in samples that no test passes: towards the root in one below all, away from it in one above
+    none, end = n + 1, n + 2
+    nodes, children, lines, sets, lists = space
     sets[:] = 0
     fresh, opened, used = sets[0], sets[1], sets[2]
-    hint = np.zeros(LANES, np.int64)
-    last = np.full(LANES, NONE)
-    toph = np.full(LANES, np.float32(np.inf))
-    number = np.zeros(LANES, np.int32)
-    total = np.zeros(LANES, np.int32)
-    room = len(offsets)
-    at = room
-    near = 0
-    convex = 0
-    levels = 0
-    checks = 0
-    elems = 0
+    levels_found, places = lists[0], lists[1]
+    last, top = np.full(LANES, np.int32(end)), np.full(LANES, np.float32(np.inf))
+    number, total = np.zeros(LANES, np.int32), np.zeros(LANES, np.int32)
+    hint, flat = np.zeros(LANES, np.int64), heights.reshape(-1)
+    t = Trees(flat, nodes, fresh, children, lines, opened, used, hint, last, top, number, total)
+    at = room = len(offsets)
+    near = convex = levels = checks = elements = 0
     for r in range(n - 1, -1, -1):
         old = r + 1
-        p = r + 2
-        on, gt, lt, hid = classify(heights, r, last, toph)
-        starts = lt & ~convex
-        convex = lt | (convex & ~gt)
+        on, above, below, hides = classify(heights, r, last, top)
+        starts = below & ~convex
+        convex = below | (convex & ~above)
         fresh[old] = starts
-        hidden = near & ~gt & on
-        stays = near & gt & on
-        hid &= ~stays
-        begin(nodes, old, hidden)
-        todo = hid | stays
+        hidden, stays = near & ~above & on, near & above & on
+        hides &= ~stays
+        begin(nodes, old, hidden, none)
+        todo = stays
         while todo:
             lane = lowest_bit(np.uint32(todo))
             todo &= todo - 1
-            bit = 1 << lane
-            end = last[lane]
-            if stays & bit:
-                e = hint[lane]
-                while used[e] & bit:
-                    e += 1
-                hint[lane] = e + 1
-                if e >= levels:
-                    levels = e + 1
-                q = p * FIELDS + lane * 4
-                g = nodes[q + CHILD]
-                _draw(e, lane, p, p + 1 if g == NONE else g, False, flat, lines)
-                C[e * LANES + lane] = p
-                used[e] |= bit
-                opened[e] &= ~bit
-                nodes[q + SLOT] = e
-                nodes[q + FARTHER] = end
-                if end != NONE:
-                    nodes[end * FIELDS + lane * 4 + NEARER] = p
-                end = np.int32(p)
-                number[lane] += 1
-                total[lane] += np.int32(2)
-                elems += 1
-            else:
-                hr = np.float64(flat[r * LANES + lane])
-                s = np.float64(flat[old * LANES + lane]) - hr
-                c = end
-                f = c
-                if hidden & bit:
-                    nodes[c * FIELDS + lane * 4 + NEARER] = p
-                    nodes[p * FIELDS + lane * 4 + FARTHER] = c
-                else:
-                    nodes[c * FIELDS + lane * 4 + NEARER] = NONE
-                low = hint[lane]
-                nn = np.int32(0)
-                tt = 0
-                while c != NONE and not (np.float64(flat[c * LANES + lane]) - hr > s * np.float64(c - r)):
-                    e = nodes[c * FIELDS + lane * 4 + SLOT]
-                    used[e] &= ~bit
-                    if not opened[e] & bit:
-                        nn += np.int32(1)
-                        tt += c - r
-                    low = min(low, e)
-                    f = c
-                    c = nodes[c * FIELDS + lane * 4 + FARTHER]
-                    elems -= 1
-                    checks += 1
-                hint[lane] = low
-                number[lane] -= nn
-                total[lane] -= np.int32(tt)
-                nodes[old * FIELDS + lane * 4 + CHILD] = f
-                end = c
-            last[lane] = end
-            toph[lane] = np.float32(np.inf) if end == NONE else flat[end * LANES + lane]
-        hidden |= hid
-        while levels > 0 and used[levels - 1] == 0:
+            levels = max(levels, 1 + _add(t, old + 1, lane, none))
+            elements += 1
+        todo = hides
+        while todo:
+            lane = lowest_bit(np.uint32(todo))
+            todo &= todo - 1
+            fewer = _hide(t, r, lane, hidden >> lane & 1, none)
+            elements -= fewer
+            checks += fewer
+        hidden |= hides
+        while levels > 0 and used[np.uint64(levels - 1)] == 0:
             levels -= 1
-        checks += elems + LANES
-        e = 0
-        while True:
-            e, bits = crossed(lines, opened, used, e, levels, heights, r, on)
-            if e >= levels:
-                break
-            while bits:
-                lane = lowest_bit(np.uint32(bits))
-                bits &= bits - 1
-                bit = 1 << lane
-                hr = np.float64(flat[r * LANES + lane])
-                slot = e
-                c = C[e * LANES + lane]
-                far = nodes[c * FIELDS + lane * 4 + FARTHER]
-                nn = np.int32(0)
-                tt = 0
-                if not opened[e] & bit:
-                    nn -= np.int32(1)
-                    tt -= c - r
-                # The child itself is among those that a step has counted
-                checks -= 1
-                while c != far:
-                    checks += 1
-                    q = c * FIELDS + lane * 4
-                    hc = np.float64(flat[c * LANES + lane]) - hr
-                    dc = np.float64(c - r)
-                    g = nodes[q + CHILD]
-                    x = g
-                    b = g
-                    while x != NONE and (np.float64(flat[x * LANES + lane]) - hr) * dc > hc * np.float64(x - r):
-                        b = x
-                        x = nodes[x * FIELDS + lane * 4 + NEARER]
-                        checks += 1
-                    if x != g:
-                        # g to b come before c
-                        pv = nodes[q + FARTHER]
-                        nodes[g * FIELDS + lane * 4 + FARTHER] = pv
-                        if pv != NONE:
-                            nodes[pv * FIELDS + lane * 4 + NEARER] = g
-                        nodes[q + CHILD] = x
-                        if x == NONE and not fresh[c] & bit:
-                            if c == last[lane]:
-                                last[lane] = b
-                                toph[lane] = flat[b * LANES + lane]
-                            else:
-                                nx = nodes[q + NEARER]
-                                nodes[b * FIELDS + lane * 4 + NEARER] = nx
-                                nodes[nx * FIELDS + lane * 4 + FARTHER] = b
-                            c = b
-                            continue
-                        nodes[b * FIELDS + lane * 4 + NEARER] = c
-                        nodes[q + FARTHER] = b
-                    # settle
-                    if slot < 0:
-                        slot = hint[lane]
-                        while used[slot] & bit:
-                            slot += 1
-                        hint[lane] = slot + 1
-                        used[slot] |= bit
-                        if slot >= levels:
-                            levels = slot + 1
-                        elems += 1
-                    t = np.int64(x)
-                    isopen = False
-                    if x == NONE:
-                        t = np.int64(c) + 1
-                        isopen = (np.float64(flat[t * LANES + lane]) - hr) * dc > hc * (dc + 1.0)
-                    if isopen:
-                        opened[slot] |= bit
-                    else:
-                        opened[slot] &= ~bit
-                        nn += np.int32(1)
-                        tt += c - r
-                    C[slot * LANES + lane] = c
-                    nodes[q + SLOT] = slot
-                    _draw(slot, lane, c, t, isopen, flat, lines)
-                    slot = -1
-                    c = nodes[q + FARTHER]
-                if slot >= 0:
-                    used[slot] &= ~bit
-                    hint[lane] = min(hint[lane], slot)
-                    elems -= 1
-                number[lane] += nn
-                total[lane] += np.int32(tt)
-            e += 1
+        checks += elements + LANES
+
+        # What will be read of children that may have to hand on is fetched beforehand, for all of them
+        found, amount = crossed(lines, opened, used, levels, heights, r, on, levels_found), 0
+        for k in range(found):
+            word = levels_found[np.uint64(k)]
+            todo = word & 0xFFFF
+            while todo:
+                lane = lowest_bit(np.uint32(todo))
+                todo &= todo - 1
+                place = (word >> LANES) * LANES + lane
+                places[np.uint64(amount)] = place
+                amount += 1
+                fetch(nodes, children[np.uint64(place)] * FIELDS + lane * 4)
+        for k in range(amount):
+            place = places[np.uint64(k)]
+            lane = place & (LANES - 1)
+            first = np.int64(nodes[_node(np.int64(children[np.uint64(place)]), lane) + CHILD])
+            fetch(nodes, first * FIELDS + lane * 4)
+            fetch(flat, first * LANES + lane)
+        for k in range(amount):
+            place = places[np.uint64(k)]
+            more, high, looked = _mend(t, r, place // LANES, place & (LANES - 1), none)
+            elements += more
+            levels = max(levels, high + 1)
+            checks += looked
+        too = on & (hidden | ~above)
         if room:
-            if at < elems + LANES:
+            if at < elements + LANES:
                 return -1, checks
-            at = _keep(flat, nodes, opened, last, number, on, on & (hidden | ~gt), r, at, offsets, overs)
-        put(number, total, on & (hidden | ~gt), counts, totals, r)
+            at = _keep(t, r, on, too, end, at, offsets, overs)
+        put(number, total, too, counts, totals, r)
         near = (starts | hidden) & on
     return room - at, checks
