@@ -218,7 +218,7 @@ class HeightField:
         method : {"auto", "tree", "march"}
             All give the same result, bit for bit: "march" looks at every sample of the line, "tree" keeps the paper's convex
             hull tree, "auto" takes that too, but where a reach is set it marches and steps over what cannot be seen.
-            With ``radius``, all but "march" do the latter.
+            With ``radius``, or lines of more than 65,533 samples, all but "march" do the latter.
 
         Returns
         -------

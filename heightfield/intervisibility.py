@@ -8,7 +8,7 @@ is the far end of a stretch of samples seen. Three ways find them, all with the 
 - ``tree`` keeps the paper's convex hull tree a line (§5, `tree`), sixteen lines at once.
 - ``blocks`` marches, but steps over stretches of samples whose highest points none of the sixteen receivers can see.
 
-``auto`` takes the tree, and blocks where a reach is set, of which the tree knows nothing.
+``auto`` takes the tree, and blocks where a reach is set, of which the tree knows nothing, or a line is longer than it counts.
 """
 
 from __future__ import annotations
@@ -240,7 +240,7 @@ def local_horizons(d, heights, curve: float = 0.0, reach: int | None = None, met
     reach : int, optional
         Columns of the turned grid to look at.
     method : {"auto", "tree", "march"}
-        The tree knows no `reach`: it gives way to blocks where one is set.
+        The tree knows no `reach`: it gives way to blocks where one is set, or a line has more than `tree.MOST` samples.
 
     Returns
     -------
@@ -256,12 +256,7 @@ def local_horizons(d, heights, curve: float = 0.0, reach: int | None = None, met
     laid = lay(heights, d)
     shape = d.turn(heights).shape
     first = first_line(d.slope, shape[1])
-    if method == "march":
-        how = EVERY
-    elif reach is not None:
-        how = SKIPPING
-    else:
-        how = TREE
+    how = EVERY if method == "march" else _best(shape[1], reach)
     counts, sums = _room(*shape, first)
     far, bend, budget = shape[1] if reach is None else reach, curve * d.step**2, BUDGET
     while True:
@@ -296,9 +291,13 @@ def totals(d, heights, curve: float = 0.0, how: int | None = None):
     laid, shape = lay(heights, d), d.turn(heights).shape
     first = first_line(d.slope, shape[1])
     counts, sums = _room(*shape, first)
-    how = TREE if how is None else how
+    how = _best(shape[1], None) if how is None else how
     found = _panels(laid, d.slope, first, curve * d.step**2, shape[1], how, 0, nb.get_num_threads(), counts, sums)
     return counts, sums, int(found[4].sum())
+
+
+def _best(columns, reach):
+    return TREE if reach is None and columns <= tree.MOST else SKIPPING
 
 
 def _room(rows, columns, first):

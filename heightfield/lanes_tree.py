@@ -125,18 +125,14 @@ def begin(typingctx, nodes, old, bits, none):
 
     def generate(context, builder, signature, arguments):
         nodes, old, bits, none = arguments
-        kinds = signature.args
-        none = _splat(builder, builder.trunc(none, ir.IntType(32)), _I32)
+        half = ir.VectorType(ir.IntType(16), LANES)
         p = builder.add(old, ir.Constant(_INT, 1))
-        each = _splat(builder, builder.trunc(p, ir.IntType(32)), _I32)
-        child = builder.select(_mask(builder, bits), each, none)
-        data = context.make_array(kinds[0])(context, builder, value=nodes).data
-        data = builder.gep(data, [builder.mul(old, ir.Constant(_INT, 4 * LANES))])
-        wide = ir.VectorType(ir.IntType(32), 4 * LANES)
+        p, none = (_splat(builder, builder.trunc(k, ir.IntType(16)), half) for k in (p, none))
+        child = builder.select(_mask(builder, bits), p, none)
+        data = address(context, builder, signature.args[0], nodes, builder.mul(old, ir.Constant(_INT, 4 * LANES)))
         order = [k for lane in range(LANES) for k in (lane, LANES, LANES, LANES)]
-        value = builder.shuffle_vector(child, none, ir.Constant(wide, order))
-        builder.store(value, builder.bitcast(data, ir.PointerType(wide)), align=4)
-        return context.get_dummy_value()
+        value = builder.shuffle_vector(child, none, ir.Constant(ir.VectorType(ir.IntType(32), 4 * LANES), order))
+        builder.store(value, builder.bitcast(data, ir.PointerType(ir.VectorType(ir.IntType(16), 4 * LANES))), align=2)
 
     return sig, generate
 

@@ -25,12 +25,14 @@ from .lanes_tree import begin, classify, crossed, fetch, put
 
 CHILD, FARTHER, NEARER, SLOT = (np.uint64(k) for k in range(4))  # of a node: first child, neighbours, place in `lines`
 FIELDS = 4 * LANES  # of the nodes of a row
+MOST = (1 << 16) - 3  # samples of a line: nodes are pairs of bytes
 MARGIN = 4e-7  # of a line, wider than its rounding
 LEAST = 1e-30  # of the same
 
 # The trees of sixteen lines, in flat rows of sixteen. Of samples: their heights, nodes, and whether a path starts there
-# (fresh, a bit a lane). Of slots: the child of the root that each holds, its line (two rows), whether it is open, whether it is
-# used. Of lanes: the lowest slot that may be free; the root's nearest child and its height; closed children, their distances
+# (fresh, a bit a lane). Of slots: the child of the root that each holds, its line (two rows), whether it is open, and whether
+# it is used. Of lanes: the lowest slot that may be free; the root's nearest child and its height; how many children are
+# closed, and the sum of their distances
 Trees = namedtuple("Trees", "heights nodes fresh children lines opened used hint last top number total")
 
 
@@ -205,8 +207,9 @@ def _keep(t, receiver, seen, old_too, end, at, offsets, overs):
 def work(columns):
     """Make the work space of `search` for panels of up to so many samples."""
     n = columns + 3
-    nodes, children, lines = np.empty(n * FIELDS, np.int32), np.empty(n * LANES, np.int32), np.empty(2 * n * LANES, np.float32)
-    return nodes, children, lines, np.empty((3, n), np.int64), np.empty((2, n * LANES), np.int64)
+    nodes, children = np.empty(n * FIELDS, np.uint16), np.empty(n * LANES, np.uint16)
+    lines, sets, lists = np.empty(2 * n * LANES, np.float32), np.empty((3, n), np.int64), np.empty((2, n * LANES), np.int64)
+    return nodes, children, lines, sets, lists
 
 
 @nb.njit(cache=True, error_model="numpy")

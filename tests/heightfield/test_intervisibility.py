@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from intervis.heightfield import HeightField, lines
+from intervis.heightfield import HeightField, lines, tree
 from intervis.heightfield import intervisibility as iv
 from intervis.heightfield.sweep import direction
 
@@ -233,6 +233,18 @@ def test_totals_are_those_of_the_lists():
         counts, sums = (d.back(v) for v in found)
         np.testing.assert_array_equal(counts.ravel(), np.diff(offsets))
         assert sums.sum() == pytest.approx(distances.sum() / d.step, rel=1e-4)
+
+
+@pytest.mark.parametrize("columns", (tree.MOST, tree.MOST + 1))
+def test_lines_longer_than_the_tree_counts(columns):
+    # Random heights: what is seen is near, the marcher that steps over blocks is done soon
+    h = np.random.default_rng(10).normal(size=(2, columns)).astype(np.float32)
+    h[:, ::4000] += 100
+    d = direction(np.pi / 2, (1, 1))
+    expected, found = (iv.totals(d, h, how=how) for how in (iv.SKIPPING, None))
+    for a, b in zip(expected[:2], found[:2], strict=True):
+        np.testing.assert_array_equal(a, b)
+    assert (found[2] == expected[2]) == (columns > tree.MOST)
 
 
 def test_tree_visits_far_less_than_the_marcher():
