@@ -42,7 +42,8 @@ def measure(options, note) -> Part:
         "All local horizons of all points, used in place and not kept. The baseline marches sixteen lines at once in float32"
         " on the same threads. Iterations, a point and direction: convexity checks of the tree, one of each child of the root"
         " in every step and one of each that is hidden or handed on. The fractal is spectral noise; the paper's is midpoint"
-        " displacement."
+        " displacement. Lines here have one sample a column, 407 ahead of a point at 1024²; the paper's have 484, of which"
+        " its shares are: it counts 11.7, 4.80, 3.02 and 3.76 iterations (fractal, brick, sine, blocks)."
     )
     table, size = [], 256 if options.quick else 1024
     cases = [(name, size, directions(4), WAYS) for name in PAPER]

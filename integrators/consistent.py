@@ -1,8 +1,8 @@
 """Consistent mode: neighbouring pixels of a penumbra share their visibility (non-local means on shadow ratios).
 
-Only the ratio of shadowed to unshadowed light is shared, never texture or shading, and only between pixels of one
-surface whose ratios agree within their noise (after Rousselle et al. 2012: each half of the samples is weighted by what
-the other half says). The bias vanishes with the noise: as it shrinks, fewer pixels agree.
+Only the ratio of shadowed to unshadowed light is shared, never texture or shading, and only between pixels that see nothing
+but one surface, of which the surroundings agree within their noise (after Rousselle et al. 2012: each half of the samples is
+weighted by what the other half says). The bias vanishes with the noise: as it shrinks, fewer pixels agree.
 """
 
 from __future__ import annotations
@@ -13,7 +13,8 @@ import mitsuba as mi
 from .cells import window_sum
 
 RADIUS = 2  # share within 5×5 pixels
-TOLERANCE = 1.0  # of what noise explains
+PATCH = 2  # that agree over 5×5 pixels
+TOLERANCE = 0.5  # of what noise explains
 WHOLE = 0.35  # variance of a whole net over that of its half
 
 
@@ -35,105 +36,99 @@ def smooth(total, image):
     n = mi.Float(dr.maximum(hits, 1))
     bright = mi.Color3f(total.bright) / n
     straight = mi.Color3f(total.straight) / n
-    first, second = total.halves()
     level = mi.luminance(image)
-    known = (hits >= 2) & (mi.luminance(bright) > 0.01 * level) & (level > 0)
+    grid = _Grid(frame, mi.Vector3f(total.pilot.normal), mi.Point3f(total.pilot.point))
+    known = (hits >= 2) & (mi.luminance(bright) > 0.01 * level) & (level > 0) & grid.inner()
 
-    # Shadow ratios of each half, their local means, and the noise of those
+    # Shadow ratios of each half, and the noise of those
     def ratio(colour):
-        return dr.clip(dr.select(bright > 0, (colour - straight) / dr.maximum(bright, 1e-20), 0), -0.5, 1.5)
+        inside = known & (bright > 0)
+        return mi.Color3f(dr.select(inside, dr.clip((colour - straight) / dr.maximum(bright, 1e-20), -0.5, 1.5), 0))
 
-    a, b = ratio(first), ratio(second)
+    a, b = (ratio(half) for half in total.halves())
     va, vb = mi.luminance(a), mi.luminance(b)
-    noise = dr.select(known, dr.square(va - vb) * 0.5, 0)
-    one = dr.select(known, mi.Float(1), mi.Float(0))
-    values = [dr.select(known, va, 0), dr.select(known, vb, 0), noise, one]
+    values = [dr.square(va - vb) * 0.5, dr.select(known, mi.Float(1), mi.Float(0))]
     near = window_sum(values, frame.width, frame.height, 1)
-    count = dr.maximum(near[3] + one, 1)
-    mean_a, mean_b, noise = ((x + y) / count for x, y in zip(near[:3], values[:3], strict=True))
-    normal, point = mi.Vector3f(total.pilot.normal), mi.Point3f(total.pilot.point)
-    dr.eval(a, b, mean_a, mean_b, noise, known, bright, straight)
-
-    index = dr.compress(known & (noise > 0))
-    if not dr.width(index):
+    noise = (near[0] + values[0]) / dr.maximum(near[1] + values[1], 1)
+    dr.eval(a, b, va, vb, noise, known)
+    if not dr.any(known & (noise > 0)):
         return image
-    shared_a, shared_b = _share(frame, index, a, b, mean_a, mean_b, noise, count, known, normal, point)
-    trust = _benefit(frame, index, va, vb, shared_a, shared_b)
-    own = 0.5 * (dr.gather(mi.Color3f, a, index) + dr.gather(mi.Color3f, b, index))
-    shared = dr.lerp(own, 0.5 * (shared_a + shared_b), trust)
-    w = dr.gather(mi.Float, total.decision.pilot_weight, index)
-    light = dr.gather(mi.Color3f, bright, index) * shared + dr.gather(mi.Color3f, straight, index)
+    shared_a, shared_b = _share(grid, a, b, va, vb, noise, known)
+    trust = _benefit(frame, va, vb, mi.luminance(shared_a), mi.luminance(shared_b))
+    shared = dr.lerp(0.5 * (a + b), 0.5 * (shared_a + shared_b), trust)
+    w = total.decision.pilot_weight
     pilot = total.pilot.value + total.decision.mean * total.pilot.control + total.pilot.emission
-    light = light * (1 - w) + dr.gather(mi.Color3f, pilot, index) * w
-    out = mi.Color3f(image)
-    for i in range(3):
-        channel = mi.Float(out[i])
-        dr.eval(channel)
-        dr.scatter(channel, light[i], index)
-        out[i] = channel
-    return out
+    out = (bright * shared + straight) * (1 - w) + pilot * w
+    return mi.Color3f(dr.select(known & (noise > 0), out, image))
 
 
-def _packed(columns: list):
-    """Interleave images, sixteen floats a pixel, so that one pixel's values are read with a few wide loads."""
-    flat = dr.zeros(mi.Float, 16 * dr.width(columns[0]))
-    index = dr.arange(mi.UInt32, dr.width(columns[0])) * 16
-    for c, column in enumerate(columns):
-        dr.scatter(flat, mi.Float(column), index + c)
-    dr.eval(flat)
-    return flat
+class _Grid:
+    """Pixels' places in the image, and on which surface they are."""
+
+    def __init__(self, frame, normal, point):
+        self.width, self.height = dr.opaque(mi.Int32, frame.width), dr.opaque(mi.Int32, frame.height)
+        index = dr.arange(mi.Int32, frame.pixels)
+        self.x, self.y = index % self.width, index // self.width
+        self.size = frame.width, frame.height
+        self.normal, self.point = normal, point
+        dr.eval(self.x, self.y, normal, point)
+
+    def at(self, u, v):
+        """Return the number of the pixel ``u`` to the right and ``v`` below, and whether there is one."""
+        x, y = self.x + u, self.y + v
+        return mi.UInt32(y * self.width + x), (x >= 0) & (x < self.width) & (y >= 0) & (y < self.height)
+
+    def alike(self, other, inside):
+        """Whether another pixel is on the same surface: alike normals, and a step that stays in the tangent plane."""
+        step = dr.gather(mi.Point3f, self.point, other, inside) - self.point
+        same = dr.dot(dr.gather(mi.Vector3f, self.normal, other, inside), self.normal) > 0.95
+        return inside & same & (dr.abs(dr.dot(step, self.normal)) < 0.2 * dr.norm(step))
+
+    def inner(self):
+        """Whether a pixel and its four neighbours are on one surface, as far as one look at each tells."""
+        found = mi.Bool(True)
+        for u, v in ((1, 0), (0, 1), (-1, 0), (0, -1)):
+            other, inside = self.at(u, v)
+            found &= self.alike(other, inside) | ~inside
+        return found
 
 
-@dr.syntax
-def _share(frame, index, a, b, mean_a, mean_b, noise, count, known, normal, point):
-    # Half-buffer means over `count` pixels have a variance of noise/count; unknown pixels carry a negative one
-    spread = dr.select(known, noise / count, -1)
-    data = _packed([mean_a, mean_b, spread, a.x, a.y, a.z, b.x, b.y, b.z, normal.x, normal.y, normal.z, point.x, point.y,
-                    point.z])
-    read = lambda at, active, k: dr.gather(mi.Vector4f, data, 4 * at + k, active)  # noqa: E731
-    width, height = dr.opaque(mi.Int32, frame.width), dr.opaque(mi.Int32, frame.height)
-    x, y = mi.Int32(index) % width, mi.Int32(index) // width
-    always = mi.Bool(True)
-    h0, h1, h2, h3 = (read(index, always, k) for k in range(4))
-    here_n, here_p = mi.Vector3f(h2.y, h2.z, h2.w), mi.Point3f(h3.x, h3.y, h3.z)
-    sum_a, sum_b = mi.Color3f(h0.w, h1.x, h1.y), mi.Color3f(h1.z, h1.w, h2.x)
-    weight_a, weight_b = mi.Float(1), mi.Float(1)
-    side = 2 * RADIUS + 1
-    o = mi.Int32(0)
-    while o < side * side:
-        u, v = x + o % side - RADIUS, y + o // side - RADIUS
-        at = mi.UInt32(v * width + u)
-        inside = (u >= 0) & (u < width) & (v >= 0) & (v < height) & (o != (side * side) // 2)
-        t0, t1, t2, t3 = (read(at, inside, k) for k in range(4))
-        # The same surface: alike normals, and a step that stays in the tangent plane
-        step = mi.Point3f(t3.x, t3.y, t3.z) - here_p
-        inside &= (t0.z >= 0) & (dr.dot(mi.Vector3f(t2.y, t2.z, t2.w), here_n) > 0.95)
-        inside &= dr.abs(dr.dot(step, here_n)) < 0.2 * dr.norm(step)
-        scale = TOLERANCE * (h0.z + t0.z) + 1e-7
+def _share(grid, a, b, va, vb, noise, known):
+    """Means of both halves over pixels whose surroundings agree in the other half."""
+    sums, weights = [mi.Color3f(a), mi.Color3f(b)], [mi.Float(1), mi.Float(1)]
+    pairs = [(u, v) for v in range(RADIUS + 1) for u in range(-RADIUS, RADIUS + 1) if v > 0 or u > 0]
+    for pair in pairs:
+        u, v = (dr.opaque(mi.Int32, k) for k in pair)
+        other, inside = grid.at(u, v)
+        inside &= known
+        inside &= dr.gather(mi.Bool, known, other, inside)
+        inside = grid.alike(other, inside)
+        # Squared differences beyond what noise explains, over both pixels' patches
+        spread = noise + dr.gather(mi.Float, noise, other, inside)
+        values = [dr.square(x - dr.gather(mi.Float, x, other, inside)) - spread for x in (va, vb)]
+        values = [dr.select(inside, x / (TOLERANCE * spread + 1e-7), 0) for x in values]
+        values.append(dr.select(inside, mi.Float(1), mi.Float(0)))
+        near = [x + y for x, y in zip(values, window_sum(values, *grid.size, PATCH), strict=True)]
         # Each half is weighted by the other
-        wa = dr.select(inside, dr.exp(-dr.square(h0.y - t0.y) / scale), 0)
-        wb = dr.select(inside, dr.exp(-dr.square(h0.x - t0.x) / scale), 0)
-        sum_a += wa * mi.Color3f(t0.w, t1.x, t1.y)
-        sum_b += wb * mi.Color3f(t1.z, t1.w, t2.x)
-        weight_a += wa
-        weight_b += wb
-        o += 1
-    return sum_a / weight_a, sum_b / weight_b
+        w = [dr.select(inside, dr.exp(-dr.maximum(near[k] / dr.maximum(near[2], 1), 0)), 0) for k in (1, 0)]
+        dr.eval(w)
+        back, behind = grid.at(-u, -v)
+        for k, image in enumerate((a, b)):
+            from_back = dr.gather(mi.Float, w[k], back, behind)
+            sums[k] += w[k] * dr.gather(mi.Color3f, image, other, inside)
+            sums[k] += from_back * dr.gather(mi.Color3f, image, back, behind)
+            weights[k] += w[k] + from_back
+        dr.eval(sums, weights)
+    return (s / w for s, w in zip(sums, weights, strict=True))
 
 
-def _benefit(frame, index, va, vb, shared_a, shared_b):
+def _benefit(frame, a, b, shared_a, shared_b):
     """How far to trust the shared value, in [0, 1]: as far as it predicts the other half better than the pixel did."""
-    own = dr.square(va - vb)
-    at = lambda image: dr.gather(mi.Float, image, index)  # noqa: E731
-    error = 0.5 * (dr.square(mi.luminance(shared_a) - at(vb)) + dr.square(mi.luminance(shared_b) - at(va)))
-    own, shared = dr.select(dr.isfinite(own), own, 0), dr.zeros(mi.Float, frame.pixels)
-    dr.eval(own)
-    shared += own
-    dr.eval(shared)
-    dr.scatter(shared, error, index)
+    own = dr.square(a - b)
+    shared = 0.5 * (dr.square(shared_a - b) + dr.square(shared_b - a))
     near_own, near_shared = window_sum([own, shared], frame.width, frame.height)
-    gain = 1 - at(near_shared + shared) / dr.maximum(at(near_own + own), 1e-20)
+    gain = 1 - (near_shared + shared) / dr.maximum(near_own + own, 1e-20)
     # A perfect value still misses the other half's noise: at best the error halves. What it misses beyond that is the
     # shared value's own error, here against that of a half; the whole pixel's is less than half of a half's
     error = dr.maximum(1 - 2 * gain, 0)
-    return dr.select(gain > 0, dr.square(WHOLE / (WHOLE + error)), 0)
+    return dr.select(gain > 0, WHOLE / (WHOLE + error), 0)
