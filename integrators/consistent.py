@@ -13,12 +13,13 @@ import mitsuba as mi
 from .cells import window_sum
 
 RADIUS = 2  # share within 5×5 pixels
-PATCH = 2  # that agree over 5×5 pixels
-TOLERANCE = 0.5  # of what noise explains
+PATCH = 3  # that agree over 7×7 pixels
+TOLERANCE = 0.7  # of what noise explains
 WHOLE = 0.35  # variance of a whole net over that of its half
+LEFT = 0.5  # of a pixel's standard error, after sharing: so much less is spent where pixels may share
 
 
-def smooth(total, image):
+def smooth(total, image, grid):
     """Return the image with its penumbrae shared between pixels.
 
     Parameters
@@ -27,6 +28,7 @@ def smooth(total, image):
         Sums of a finished render, with unshadowed and emitted light.
     image : mi.Color3f
         Its unbiased image.
+    grid : Grid
 
     Returns
     -------
@@ -37,8 +39,7 @@ def smooth(total, image):
     bright = mi.Color3f(total.bright) / n
     straight = mi.Color3f(total.straight) / n
     level = mi.luminance(image)
-    grid = _Grid(frame, mi.Vector3f(total.pilot.normal), mi.Point3f(total.pilot.point))
-    known = (hits >= 2) & (mi.luminance(bright) > 0.01 * level) & (level > 0) & grid.inner()
+    known = (hits >= 2) & (mi.luminance(bright) > 0.01 * level) & (level > 0) & grid.inner
 
     # Shadow ratios of each half, and the noise of those
     def ratio(colour):
@@ -62,16 +63,27 @@ def smooth(total, image):
     return mi.Color3f(dr.select(known & (noise > 0), out, image))
 
 
-class _Grid:
-    """Pixels' places in the image, and on which surface they are."""
+class Grid:
+    """Pixels' places in the image, and on which surface they are.
 
-    def __init__(self, frame, normal, point):
+    Attributes
+    ----------
+    inner : mi.Bool
+        Whether a pixel and its four neighbours are on one surface, as far as one look at each tells.
+    """
+
+    def __init__(self, frame, pilot):
         self.width, self.height = dr.opaque(mi.Int32, frame.width), dr.opaque(mi.Int32, frame.height)
         index = dr.arange(mi.Int32, frame.pixels)
         self.x, self.y = index % self.width, index // self.width
         self.size = frame.width, frame.height
-        self.normal, self.point = normal, point
-        dr.eval(self.x, self.y, normal, point)
+        self.normal, self.point = mi.Vector3f(pilot.normal), mi.Point3f(pilot.point)
+        dr.eval(self.x, self.y, self.normal, self.point)
+        self.inner = mi.Bool(True)
+        for u, v in ((1, 0), (0, 1), (-1, 0), (0, -1)):
+            other, inside = self.at(u, v)
+            self.inner &= self.alike(other, inside) | ~inside
+        dr.eval(self.inner)
 
     def at(self, u, v):
         """Return the number of the pixel ``u`` to the right and ``v`` below, and whether there is one."""
@@ -83,14 +95,6 @@ class _Grid:
         step = dr.gather(mi.Point3f, self.point, other, inside) - self.point
         same = dr.dot(dr.gather(mi.Vector3f, self.normal, other, inside), self.normal) > 0.95
         return inside & same & (dr.abs(dr.dot(step, self.normal)) < 0.2 * dr.norm(step))
-
-    def inner(self):
-        """Whether a pixel and its four neighbours are on one surface, as far as one look at each tells."""
-        found = mi.Bool(True)
-        for u, v in ((1, 0), (0, 1), (-1, 0), (0, -1)):
-            other, inside = self.at(u, v)
-            found &= self.alike(other, inside) | ~inside
-        return found
 
 
 def _share(grid, a, b, va, vb, noise, known):

@@ -32,6 +32,7 @@ class Decision:
     error: object  # mi.Float, expected relative standard error of one hit
     light_seen: list  # packed counters by light, of the window
     light_tried: list
+    left: object = 1  # mi.Float, share of the error that is left where pixels share
     hits: object = None  # mi.UInt32, camera hits to add
     pilot_weight: object = None  # mi.Float, weight of the pilot's own estimate
 
@@ -126,9 +127,9 @@ def decide(pilot, frame, classifier: str, grid: int, named: bool, refinement: bo
 def allocate(decision, frame, seed, budget: float, max_rays: int, pilot_rays: int, threshold: float) -> None:
     """Spread a budget of rays over the pixels (sets ``hits`` and ``pilot_weight``).
 
-    Hits are proportional to ``error^EXPONENT``, rounded at random (by the pixel's number and the seed, not its samples).
+    Hits are proportional to ``(error · left)^EXPONENT``, rounded at random (by the pixel's number and the seed, not its samples).
     """
-    share = dr.power(decision.error, EXPONENT)
+    share = dr.power(decision.error * decision.left, EXPONENT)
     cost = mi.Float(decision.rays) + 1
     most = mi.Float(dr.maximum((max_rays - pilot_rays) // decision.rays, 0))
     if threshold > 0:

@@ -136,6 +136,10 @@ def define(base):
 
             # Decide
             decision = decide(look, frame, self.classifier, self.grid, self.aovs, self.refine and shading.lambert)
+            shared = None
+            if self.mode == "consistent" and shading.lights.count:
+                shared = consistent.Grid(frame, look)
+                decision.left = dr.select(shared.inner, mi.Float(consistent.LEFT), 1)
             dr.eval(vars(decision))
             budget = frame.pixels * max(2 * spp - 1 - pilot_rays - probe, 0) if shading.lights.count else 0
             most = self.max_rays if self.limited else min(max(self.max_rays, 32 * spp), MOST)
@@ -144,7 +148,7 @@ def define(base):
             clock.lap("classification")
 
             # Spend
-            total = assemble.Totals(frame, film, look, decision, self.mode == "consistent")
+            total = assemble.Totals(frame, film, look, decision, shared is not None)
             self._spend(total, shading, seed, decision.hits, dr.zeros(mi.UInt32, frame.pixels))
             image, error = total.image(), total.error()
             # Twice as many hits for as long as the error measured over the whole image is above the one wanted
@@ -159,8 +163,8 @@ def define(base):
                 image, error = total.image(), total.error()
             clock.lap("refinement")
 
-            if self.mode == "consistent" and shading.lights.count:
-                smooth = consistent.smooth(total, image)
+            if shared is not None:
+                smooth = consistent.smooth(total, image, shared)
                 total.change(smooth - image)
                 image = smooth
                 clock.lap("filter")
