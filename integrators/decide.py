@@ -127,7 +127,8 @@ def decide(pilot, frame, classifier: str, grid: int, named: bool, refinement: bo
 def allocate(decision, frame, seed, budget: float, max_rays: int, pilot_rays: int, threshold: float) -> None:
     """Spread a budget of rays over the pixels (sets ``hits`` and ``pilot_weight``).
 
-    Hits are proportional to ``(error · left)^EXPONENT``, rounded at random (by the pixel's number and the seed, not its samples).
+    Hits are proportional to ``(error · left)^EXPONENT``, rounded at random (by the pixel's number and the seed, not its
+    samples).
     """
     share = dr.power(decision.error * decision.left, EXPONENT)
     cost = mi.Float(decision.rays) + 1
