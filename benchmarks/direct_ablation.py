@@ -148,7 +148,7 @@ def regret(s: Setup, spp: int, repeats: int, seeds: int = SEEDS) -> dict[str, fl
     known = mi.Float(np.sqrt(np.maximum(variance, 1e-4 * variance.mean())).ravel().astype(np.float32))
 
     def tell(decision):
-        decision.error = known
+        decision.error = decision.need = known
 
     _, error, rays = _sample(s, configure(s, "unbiased", spp), range(600, 600 + repeats))
     found = []

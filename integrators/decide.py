@@ -30,14 +30,14 @@ class Decision:
     refine: object  # mi.Bool, sample undecided cells more
     rays: object  # mi.UInt32, shadow rays a hit
     error: object  # mi.Float, expected relative standard error of one hit
+    need: object  # mi.Float, the same, less what sharing between pixels takes away: hits follow it
     light_seen: list  # packed counters by light, of the window
     light_tried: list
-    left: object = 1  # mi.Float, share of the error that is left where pixels share
     hits: object = None  # mi.UInt32, camera hits to add
     pilot_weight: object = None  # mi.Float, weight of the pilot's own estimate
 
 
-def decide(pilot, frame, classifier: str, grid: int, named: bool, refinement: bool) -> Decision:
+def decide(pilot, frame, classifier: str, grid: int, named: bool, refinement: bool, left=1.0) -> Decision:
     """Classify each pixel's light from its neighbours' pilots, and predict the error of one more hit.
 
     Parameters
@@ -52,6 +52,8 @@ def decide(pilot, frame, classifier: str, grid: int, named: bool, refinement: bo
         Tell the partial configurations apart.
     refinement : bool
         Mark pixels whose light cells disagree for refinement.
+    left : mi.Float, optional
+        Share of the standard error of light samples that is left where pixels share.
 
     Returns
     -------
@@ -118,19 +120,20 @@ def decide(pilot, frame, classifier: str, grid: int, named: bool, refinement: bo
     rays = mi.UInt32(1) << mi.UInt32(dr.clip(dr.round(dr.log2(dr.maximum(balance, 1))), 0, MAX_LOG_RAYS))
     # Where nothing can stand in the way there is no doubt, and rays that were planned are spared
     light -= proven * doubt
-    error = dr.sqrt((camera + light / dr.power(mi.Float(rays), 1.3)) / (level * level + 0.01))
+    light /= dr.power(mi.Float(rays), 1.3)
     # A film of one pixel has no neighbours to tell
-    error = dr.select(sums[7] > 0, error, 1)
-    return Decision(label, guess, mask, mean, refine, rays, error, near_seen[2:], near_tried[2:])
+    error, need = (
+        dr.select(sums[7] > 0, dr.sqrt((camera + share * share * light) / (level * level + 0.01)), 1) for share in (1.0, left)
+    )
+    return Decision(label, guess, mask, mean, refine, rays, error, need, near_seen[2:], near_tried[2:])
 
 
 def allocate(decision, frame, seed, budget: float, max_rays: int, pilot_rays: int, threshold: float) -> None:
     """Spread a budget of rays over the pixels (sets ``hits`` and ``pilot_weight``).
 
-    Hits are proportional to ``(error · left)^EXPONENT``, rounded at random (by the pixel's number and the seed, not its
-    samples).
+    Hits are proportional to ``need^EXPONENT``, rounded at random (by the pixel's number and the seed, not its samples).
     """
-    share = dr.power(decision.error * decision.left, EXPONENT)
+    share = dr.power(decision.need, EXPONENT)
     cost = mi.Float(decision.rays) + 1
     most = mi.Float(dr.maximum((max_rays - pilot_rays) // decision.rays, 0))
     if threshold > 0:

@@ -135,11 +135,10 @@ def define(base):
             clock.lap("pilot")
 
             # Decide
-            decision = decide(look, frame, self.classifier, self.grid, self.aovs, self.refine and shading.lambert)
-            shared = None
-            if self.mode == "consistent" and shading.lights.count:
-                shared = consistent.Grid(frame, look)
-                decision.left = dr.select(shared.inner, mi.Float(consistent.LEFT), 1)
+            shared = consistent.Grid(frame, look) if self.mode == "consistent" and shading.lights.count else None
+            left = dr.select(shared.inner, mi.Float(consistent.LEFT), 1) if shared else 1.0
+            refine = self.refine and shading.lambert
+            decision = decide(look, frame, self.classifier, self.grid, self.aovs, refine, left)
             dr.eval(vars(decision))
             budget = frame.pixels * max(2 * spp - 1 - pilot_rays - probe, 0) if shading.lights.count else 0
             most = self.max_rays if self.limited else min(max(self.max_rays, 32 * spp), MOST)
