@@ -13,7 +13,7 @@ def spread(error, rays=4, budget=64.0, **settings):
     """Hits in each pixel for a budget of so many rays a pixel."""
     from intervis.integrators.decide import allocate
 
-    decision = SimpleNamespace(error=mi.Float(error), rays=mi.UInt32(np.full(PIXELS, rays)))
+    decision = SimpleNamespace(error=mi.Float(error), need=mi.Float(error), rays=mi.UInt32(np.full(PIXELS, rays)))
     limits = {"max_rays": 512, "pilot_rays": 4, "threshold": 0.0, **settings}
     allocate(decision, SimpleNamespace(pixels=PIXELS), mi.UInt32(3), budget * PIXELS, **limits)
     return np.array(decision.hits)
