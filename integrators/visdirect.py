@@ -136,7 +136,10 @@ def define(base):
 
             # Decide
             shared = consistent.Grid(frame, look) if self.mode == "consistent" and shading.lights.count else None
-            left = dr.select(shared.inner, mi.Float(consistent.LEFT), 1) if shared else 1.0
+            left = 1.0
+            # Under a wide filter sharing takes away less
+            if shared and film.rfilter().is_box_filter():
+                left = dr.select(shared.inner, mi.Float(consistent.LEFT), 1)
             refine = self.refine and shading.lambert
             decision = decide(look, frame, self.classifier, self.grid, self.aovs, refine, left)
             dr.eval(vars(decision))
