@@ -16,6 +16,7 @@ from .order import Order
 
 BATCH = 1 << 22  # most hits a launch: 32 MiB of lane lists
 MOVING = ("to_world", "vertex_positions", "x_fov", "principal_point_offset_x", "principal_point_offset_y")
+SPREAD = 2  # places a side over which a pixel's difference is spread
 RATE = 1.5  # variance of stratified hits falls as their number to this power
 
 
@@ -182,12 +183,15 @@ class Totals:
         dr.eval(self.first, self.second, self.bright, self.straight, self.alpha, counts, *extra)
 
     def change(self, difference) -> None:
-        """Add a difference to every pixel's colour; a wide filter sees it at the pixel's middle."""
+        """Add a difference to every pixel's colour; a wide filter sees it spread over the pixel, as its hits are."""
         if self.block is not None:
-            middle = self.frame.corner(dr.arange(mi.UInt32, self.frame.pixels)) + 0.5
+            corner = self.frame.corner(dr.arange(mi.UInt32, self.frame.pixels))
+            part = difference / (SPREAD * SPREAD)
             rest = [mi.Float(0)] * (self.block.channel_count() - 3)
-            self.block.put(mi.Point2f(middle), [difference.x, difference.y, difference.z, *rest])
-            dr.eval(self.block.tensor())
+            for k in range(SPREAD * SPREAD):
+                place = mi.Vector2f((k % SPREAD + 0.5) / SPREAD, (k // SPREAD + 0.5) / SPREAD)
+                self.block.put(mi.Point2f(corner + place), [part.x, part.y, part.z, *rest])
+                dr.eval(self.block.tensor())
 
     def _pilot(self):
         value = self.pilot.value + self.decision.mean * self.pilot.control + self.pilot.emission

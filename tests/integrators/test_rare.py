@@ -89,10 +89,11 @@ def test_one_pixel_spends_its_budget(kit, kind):
     assert 0.5 * 2 * 256 < rays < 2 * 2 * 256
 
 
-def test_consistent_under_a_wide_filter(kit):
+@pytest.mark.parametrize("name", ["gaussian", "tent"])
+def test_consistent_under_a_wide_filter(kit, name):
     """Neighbours' shadow ratios are shared whatever the filter; less is left to gain where it already averages them."""
     written = load("penumbra", width=160, height=90)
-    written["sensor"]["film"]["rfilter"] = {"type": "gaussian"}
+    written["sensor"]["film"]["rfilter"] = {"type": name}
     scene = mi.load_dict(written)
     truth = np.array(mi.render(scene, integrator=mi.load_dict({"type": "visdirect"}), spp=1024))
 
@@ -101,7 +102,7 @@ def test_consistent_under_a_wide_filter(kit):
         images = [np.array(mi.render(scene, integrator=plugin, spp=8, seed=s)) for s in range(3)]
         return np.mean([(x - truth) ** 2 / (truth**2 + 0.01) for x in images])
 
-    assert error("consistent") < 0.9 * error("unbiased")
+    assert error("consistent") < 0.75 * error("unbiased")
 
 
 @pytest.mark.parametrize("name", ["blocker.to_world", "sensor.to_world"])
