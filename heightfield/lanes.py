@@ -48,14 +48,6 @@ def sixteen(context, builder, kind, value, place):
     return _load(builder, builder.bitcast(address(context, builder, kind, value, place), ir.PointerType(_F32)))
 
 
-def prefetch(builder, pointer):
-    """Bring the cache line of an address near."""
-    byte, number = ir.IntType(8).as_pointer(), ir.IntType(32)
-    kind = ir.FunctionType(ir.VoidType(), [byte, number, number, number])
-    call = builder.module.declare_intrinsic("llvm.prefetch", [byte], kind)
-    builder.call(call, [builder.bitcast(pointer, byte), *(ir.Constant(number, v) for v in (0, 3, 1))])
-
-
 def _any(builder, mask):
     whole = builder.bitcast(mask, ir.IntType(LANES))
     return builder.icmp_unsigned("!=", whole, ir.Constant(ir.IntType(LANES), 0))

@@ -7,7 +7,7 @@ from numba import types
 from numba.core import cgutils
 from numba.extending import intrinsic
 
-from .lanes import _F32, _I32, LANES, _any, _load, _pointer, _splat, address, prefetch, sixteen
+from .lanes import _F32, _I32, LANES, _any, _load, _pointer, _splat, address, sixteen
 
 FUSED = ("contract",)
 
@@ -148,8 +148,11 @@ def soon(typingctx, values, place):
     """Bring elements ``place`` to ``place + 15`` of a float32 array near: no hardware sees it coming."""
 
     def generate(context, builder, signature, arguments):
-        at = address(context, builder, signature.args[0], *arguments)
-        for ahead in (0, LANES - 1):
-            prefetch(builder, builder.gep(at, [ir.Constant(ir.IntType(32), ahead)]))
+        byte, number = ir.IntType(8).as_pointer(), ir.IntType(32)
+        at = builder.bitcast(address(context, builder, signature.args[0], *arguments), byte)
+        kind = ir.FunctionType(ir.VoidType(), [byte, number, number, number])
+        fetch = builder.module.declare_intrinsic("llvm.prefetch", [byte], kind)
+        for ahead in (0, 4 * LANES - 4):
+            builder.call(fetch, [builder.gep(at, [ir.Constant(number, ahead)]), *(ir.Constant(number, v) for v in (0, 3, 1))])
 
     return types.void(values, types.intp), generate

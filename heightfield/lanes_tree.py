@@ -10,7 +10,7 @@ from numba import types
 from numba.core import cgutils
 from numba.extending import intrinsic
 
-from .lanes import _F32, _I32, LANES, _load, _pointer, _splat, address, prefetch
+from .lanes import _F32, _I32, LANES, _load, _pointer, _splat, address
 
 PART = 8  # lanes at a time: what registers hold
 
@@ -155,14 +155,3 @@ def put(typingctx, number, total, bits, counts, totals, row):
         return context.get_dummy_value()
 
     return sig, generate
-
-
-@intrinsic
-def fetch(typingctx, array, place):
-    """Bring an element of a contiguous array near: it will be read soon."""
-
-    def generate(context, builder, signature, arguments):
-        prefetch(builder, address(context, builder, signature.args[0], *arguments))
-        return context.get_dummy_value()
-
-    return types.void(array, types.intp), generate

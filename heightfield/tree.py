@@ -21,7 +21,7 @@ import numba as nb
 import numpy as np
 
 from .lanes import LANES, lowest_bit
-from .lanes_tree import begin, classify, crossed, fetch, put
+from .lanes_tree import begin, classify, crossed, put
 
 CHILD, FARTHER, NEARER, SLOT = (np.uint64(k) for k in range(4))  # of a node: first child, neighbours, place in `lines`
 FIELDS = 4 * LANES  # of the nodes of a row
@@ -32,8 +32,8 @@ LEAST = 1e-30  # of the same
 # The trees of sixteen lines, in flat rows of sixteen. Of samples: their heights, nodes, and whether a path starts there
 # (fresh, a bit a lane). Of slots: the child of the root that each holds, its line (two rows), whether it is open, and whether
 # it is used. Of lanes: the lowest slot that may be free; the root's nearest child and its height; how many children are
-# closed, and the sum of their distances
-Trees = namedtuple("Trees", "heights nodes fresh children lines opened used hint last top number total")
+# closed, and the sum of their distances. And inverse distances
+Trees = namedtuple("Trees", "heights nodes fresh children lines opened used hint last top number total inverse")
 
 
 @nb.njit(cache=True, inline="always")
@@ -69,7 +69,7 @@ def _draw(t, slot, lane, c, target, is_open):
     h, ht = _height(t, c, lane), _height(t, target, lane)
     at, by = np.inf, 0.0
     if ht != -np.inf:
-        by = (ht - h) / np.float64(target - c)
+        by = (ht - h) * t.inverse[np.uint64(target - c)]
         far = by * c
         margin = MARGIN * (abs(far) + abs(h)) + LEAST
         at = h - far + (margin if is_open else -margin)
@@ -124,6 +124,16 @@ def _hide(t, r, lane, after, none):
     t.nodes[_node(c, lane) + NEARER] = none
     t.last[lane], t.top[lane] = c, t.heights[_spot(c, lane)]
     return hidden
+
+
+@nb.njit(cache=True, inline="always")
+def _hide_all(t, r, todo, after, none):
+    fewer = 0
+    while todo:
+        lane = lowest_bit(np.uint32(todo))
+        todo &= todo - 1
+        fewer += _hide(t, r, lane, after, none)
+    return fewer
 
 
 @nb.njit(cache=True, inline="always")
@@ -208,8 +218,8 @@ def work(columns):
     """Make the work space of `search` for panels of up to so many samples."""
     n = columns + 3
     nodes, children = np.empty(n * FIELDS, np.uint16), np.empty(n * LANES, np.uint16)
-    lines, sets, lists = np.empty(2 * n * LANES, np.float32), np.empty((3, n), np.int64), np.empty((2, n * LANES), np.int64)
-    return nodes, children, lines, sets, lists
+    lines, sets, marked = np.empty(2 * n * LANES, np.float32), np.empty((3, n), np.int64), np.empty(n, np.int64)
+    return nodes, children, lines, sets, marked, 1 / np.maximum(np.arange(n), 1)
 
 
 @nb.njit(cache=True, error_model="numpy")
@@ -238,14 +248,13 @@ def search(heights, space, counts, totals, offsets, overs):
     n = len(heights) - 3
     # Chains of children end in samples that no test passes: towards the root in one below all, away from it in one above
     none, end = n + 1, n + 2
-    nodes, children, lines, sets, lists = space
+    nodes, children, lines, sets, marked, inverse = space
     sets[:] = 0
     fresh, opened, used = sets[0], sets[1], sets[2]
-    levels_found, places = lists[0], lists[1]
     last, top = np.full(LANES, np.int32(end)), np.full(LANES, np.float32(np.inf))
     number, total = np.zeros(LANES, np.int32), np.zeros(LANES, np.int32)
     hint, flat = np.zeros(LANES, np.int64), heights.reshape(-1)
-    t = Trees(flat, nodes, fresh, children, lines, opened, used, hint, last, top, number, total)
+    t = Trees(flat, nodes, fresh, children, lines, opened, used, hint, last, top, number, total, inverse)
     at = room = len(offsets)
     near = convex = levels = checks = elements = 0
     for r in range(n - 1, -1, -1):
@@ -263,42 +272,27 @@ def search(heights, space, counts, totals, offsets, overs):
             todo &= todo - 1
             levels = max(levels, 1 + _add(t, old + 1, lane, none))
             elements += 1
-        todo = hides
-        while todo:
-            lane = lowest_bit(np.uint32(todo))
-            todo &= todo - 1
-            fewer = _hide(t, r, lane, hidden >> lane & 1, none)
-            elements -= fewer
-            checks += fewer
+        # Told apart beforehand: which it is no branch predicts
+        fewer = _hide_all(t, r, hides & hidden, True, none) + _hide_all(t, r, hides & ~hidden, False, none)
+        elements -= fewer
+        checks += fewer
         hidden |= hides
         while levels > 0 and used[np.uint64(levels - 1)] == 0:
             levels -= 1
         checks += elements + LANES
 
-        # What will be read of children that may have to hand on is fetched beforehand, for all of them
-        found, amount = crossed(lines, opened, used, levels, heights, r, on, levels_found), 0
+        # Children whose line a receiver has crossed may have to hand on theirs
+        found = crossed(lines, opened, used, levels, heights, r, on, marked)
         for k in range(found):
-            word = levels_found[np.uint64(k)]
+            word = marked[np.uint64(k)]
             todo = word & 0xFFFF
             while todo:
                 lane = lowest_bit(np.uint32(todo))
                 todo &= todo - 1
-                place = (word >> LANES) * LANES + lane
-                places[np.uint64(amount)] = place
-                amount += 1
-                fetch(nodes, children[np.uint64(place)] * FIELDS + lane * 4)
-        for k in range(amount):
-            place = places[np.uint64(k)]
-            lane = place & (LANES - 1)
-            first = np.int64(nodes[_node(np.int64(children[np.uint64(place)]), lane) + CHILD])
-            fetch(nodes, first * FIELDS + lane * 4)
-            fetch(flat, first * LANES + lane)
-        for k in range(amount):
-            place = places[np.uint64(k)]
-            more, high, looked = _mend(t, r, place // LANES, place & (LANES - 1), none)
-            elements += more
-            levels = max(levels, high + 1)
-            checks += looked
+                more, high, looked = _mend(t, r, word >> LANES, lane, none)
+                elements += more
+                levels = max(levels, high + 1)
+                checks += looked
         too = on & (hidden | ~above)
         if room:
             if at < elements + LANES:
