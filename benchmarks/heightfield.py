@@ -11,6 +11,8 @@ import os
 import sys
 import time
 import traceback
+from concurrent.futures import ProcessPoolExecutor
+from multiprocessing import get_context
 from pathlib import Path
 
 import mitsuba as mi
@@ -18,7 +20,7 @@ import mitsuba as mi
 import intervis  # noqa: F401  finds an LLVM that works, before anything uses it
 
 OUT = Path(__file__).resolve().parent.parent / "docs" / "heightfield"
-PARTS = ("kernels", "growth", "accuracy", "memory", "light", "converge", "peers")  # peers last: they change the allocator
+PARTS = ("peers", "kernels", "growth", "accuracy", "memory", "light", "converge")
 
 TEXT = """# Height fields, measured
 
@@ -44,28 +46,17 @@ def main(arguments: list[str] | None = None) -> None:
     names = options.parts.split(",")
     if unknown := set(names) - set(PARTS):
         parser.error(f"--parts must be some of {', '.join(PARTS)} (got {', '.join(sorted(unknown))})")
-    mi.set_variant("llvm_ad_rgb")
-
-    from . import heightfield_accuracy as accuracy
-    from . import heightfield_kernels as kernels
-    from . import heightfield_light as light
-    from . import heightfield_peers as peers
     from . import heightfield_tables as tables
 
-    jobs = dict(zip(PARTS, (kernels.measure, kernels.growth, accuracy.measure, accuracy.memory, light.measure,
-                            light.converge, peers.measure), strict=True))  # fmt: skip
-    start = time.perf_counter()
-
-    def note(text):
-        print(f"{time.perf_counter() - start:6.0f} s  {text}", file=sys.stderr, flush=True)
-
     # Interrupted, or with a part that fails, it reports the parts that are done
-    parts = []
+    start, parts = time.perf_counter(), []
     for name in (n for n in PARTS if n in names):
         try:
-            parts.append(jobs[name](options, note))
+            # Each in a process of its own: none inherits another's memory, or its allocator's settings
+            with ProcessPoolExecutor(1, get_context("spawn")) as pool:
+                parts.append(pool.submit(_measure, name, options, time.perf_counter() - start).result())
         except KeyboardInterrupt:
-            note("interrupted: reporting the parts that are done")
+            print("interrupted: reporting the parts that are done", file=sys.stderr)
             break
         except Exception as e:
             traceback.print_exc()
@@ -88,8 +79,24 @@ def main(arguments: list[str] | None = None) -> None:
         text += "\n" + "\n\n".join([f"## {part.title}", *part.text, *pictures]) + "\n"
     (options.output / "table.md").write_text(text)
     tables.write_csv(options.output / "table.csv", parts)
-    note("done")
     print(text)
+
+
+def _measure(name, options, before):
+    mi.set_variant("llvm_ad_rgb")
+    from . import heightfield_accuracy as accuracy
+    from . import heightfield_kernels as kernels
+    from . import heightfield_light as light
+    from . import heightfield_peers as peers
+
+    jobs = dict(zip(PARTS, (peers.measure, kernels.measure, kernels.growth, accuracy.measure, accuracy.memory,
+                            light.measure, light.converge), strict=True))  # fmt: skip
+    start = time.perf_counter() - before
+
+    def note(text):
+        print(f"{time.perf_counter() - start:6.0f} s  {text}", file=sys.stderr, flush=True)
+
+    return jobs[name](options, note)
 
 
 if __name__ == "__main__":
