@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import ctypes
 import json
 import os
 import subprocess
@@ -13,13 +12,11 @@ import numpy as np
 
 from intervis.heightfield import HeightField, make
 
-from .heightfield_tables import Part, Row, grid, interleave, ratio, spread, threads
+from .heightfield_tables import KEEP, Part, Row, grid, interleave, keep_memory, ratio, spread, threads
 
 SPACING = 30.0
 TURNS = 72  # azimuths of the figure
 WORKER = Path(__file__).with_name("heightfield_worker.py")
-# glibc's allocator: no separate mappings, and nothing back to the system (mallopt's numbers and the environment's names)
-KEEP = {(-4, "MALLOC_MMAP_MAX_"): 0, (-1, "MALLOC_TRIM_THRESHOLD_"): 2**31 - 1}
 
 
 class Peer:
@@ -63,7 +60,7 @@ class Peer:
 def measure(options, note) -> Part:
     """Measure both peers; one that is not there is left out, with a sentence."""
     part = Part("Horizons against peers")
-    _keep_memory()
+    keep_memory()
     part.text.append(
         f"Fractal field, samples {SPACING:g} m apart. Times are a horizon's: of all points by us, by horayzon of strips of"
         " rows spread over the field (its tree is built beforehand and not counted), by topocalc of all points in the"
@@ -87,14 +84,6 @@ def measure(options, note) -> Part:
     if table:
         part.text.append(grid(["peer", "points", "threads", "theirs, M horizons/s", "ours", "ratio", "difference, °"], table))
     return part
-
-
-def _keep_memory():
-    # As the peers' environment does
-    mallopt = getattr(ctypes.CDLL(None), "mallopt", None)
-    for (number, _), value in KEEP.items():
-        if mallopt is not None:
-            mallopt(number, value)
 
 
 def _horayzon(python, options, note, part, table):
