@@ -12,9 +12,6 @@ import mitsuba as mi
 
 from .cells import window_sum
 
-RADIUS = 2  # share within 5×5 pixels
-PATCH = 3  # that agree over 7×7 pixels
-TOLERANCE = 0.7  # of what noise explains
 WHOLE = 0.35  # variance of a whole net over that of its half
 LEFT = 0.5  # of a pixel's standard error, after sharing: so much less is spent where pixels may share
 
@@ -54,7 +51,11 @@ def smooth(total, image, grid):
     dr.eval(a, b, va, vb, noise, known)
     if not dr.any(known & (noise > 0)):
         return image
-    shared_a, shared_b = _share(grid, a, b, va, vb, noise, known)
+    # Not before it is needed: numba takes a while to load
+    from .share import share
+
+    means = share(frame, grid.normal, grid.point, (a, b), (va, vb), noise, known)
+    shared_a, shared_b = mi.Color3f(means[:3]), mi.Color3f(means[3:])
     trust = _benefit(frame, va, vb, mi.luminance(shared_a), mi.luminance(shared_b))
     shared = dr.lerp(0.5 * (a + b), 0.5 * (shared_a + shared_b), trust)
     w = total.decision.pilot_weight
@@ -95,35 +96,6 @@ class Grid:
         step = dr.gather(mi.Point3f, self.point, other, inside) - self.point
         same = dr.dot(dr.gather(mi.Vector3f, self.normal, other, inside), self.normal) > 0.95
         return inside & same & (dr.abs(dr.dot(step, self.normal)) < 0.2 * dr.norm(step))
-
-
-def _share(grid, a, b, va, vb, noise, known):
-    """Means of both halves over pixels whose surroundings agree in the other half."""
-    sums, weights = [mi.Color3f(a), mi.Color3f(b)], [mi.Float(1), mi.Float(1)]
-    pairs = [(u, v) for v in range(RADIUS + 1) for u in range(-RADIUS, RADIUS + 1) if v > 0 or u > 0]
-    for pair in pairs:
-        u, v = (dr.opaque(mi.Int32, k) for k in pair)
-        other, inside = grid.at(u, v)
-        inside &= known
-        inside &= dr.gather(mi.Bool, known, other, inside)
-        inside = grid.alike(other, inside)
-        # Squared differences beyond what noise explains, over both pixels' patches
-        spread = noise + dr.gather(mi.Float, noise, other, inside)
-        values = [dr.square(x - dr.gather(mi.Float, x, other, inside)) - spread for x in (va, vb)]
-        values = [dr.select(inside, x / (TOLERANCE * spread + 1e-7), 0) for x in values]
-        values.append(dr.select(inside, mi.Float(1), mi.Float(0)))
-        near = [x + y for x, y in zip(values, window_sum(values, *grid.size, PATCH), strict=True)]
-        # Each half is weighted by the other
-        w = [dr.select(inside, dr.exp(-dr.maximum(near[k] / dr.maximum(near[2], 1), 0)), 0) for k in (1, 0)]
-        dr.eval(w)
-        back, behind = grid.at(-u, -v)
-        for k, image in enumerate((a, b)):
-            from_back = dr.gather(mi.Float, w[k], back, behind)
-            sums[k] += w[k] * dr.gather(mi.Color3f, image, other, inside)
-            sums[k] += from_back * dr.gather(mi.Color3f, image, back, behind)
-            weights[k] += w[k] + from_back
-        dr.eval(sums, weights)
-    return (s / w for s, w in zip(sums, weights, strict=True))
 
 
 def _benefit(frame, a, b, shared_a, shared_b):

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from intervis.integrators import consistent
+from intervis.integrators.share import PATCH, RADIUS, TOLERANCE, share
 from intervis.scenes import load
 
 
@@ -46,19 +47,88 @@ def test_pixels_beside_another_surface_are_not_inner(variant_llvm):
 
 def test_equal_pixels_share_alike(variant_llvm):
     # On one even surface, where noise explains all differences, a half's mean is that over its window
-    width, height, radius = 16, 12, consistent.RADIUS
+    width, height = 30, 50
     y, x = np.mgrid[:height, :width]
-    pilot = SimpleNamespace(
-        normal=mi.Vector3f(0 * x.ravel(), 0 * x.ravel(), 0 * x.ravel() + 1.0), point=mi.Point3f(x.ravel(), y.ravel(), 0)
-    )
     frame = SimpleNamespace(width=width, height=height, pixels=width * height)
-    a, b = np.random.default_rng(0).uniform(0.4, 0.6, (2, height, width))
-    va, vb = mi.Float(a.ravel()), mi.Float(b.ravel())
+    normal, point = (
+        mi.Vector3f(0 * x.ravel(), 0 * x.ravel(), 0 * x.ravel() + 1.0),
+        mi.Point3f(x.ravel(), y.ravel(), 0 * x.ravel()),
+    )
+    halves = np.random.default_rng(0).uniform(0.4, 0.6, (2, height, width))
+    levels = [mi.Float(half.ravel()) for half in halves]
     known, noise = dr.full(mi.Bool, True, x.size), dr.full(mi.Float, 10.0, x.size)
-    shared, _ = consistent._share(consistent.Grid(frame, pilot), mi.Color3f(va), mi.Color3f(vb), va, vb, noise, known)
-    for i, j in ((0, 0), (5, 7), (11, 3)):
-        window = a[max(i - radius, 0) : i + radius + 1, max(j - radius, 0) : j + radius + 1]
-        assert np.array(shared)[1].reshape(height, width)[i, j] == pytest.approx(window.mean(), rel=1e-5)
+    means = share(frame, normal, point, [mi.Color3f(v) for v in levels], levels, noise, known)
+    for half, mean in zip(halves, (means[1], means[5]), strict=True):
+        for i, j in ((0, 0), (5, 7), (23, 29), (24, 12), (49, 3)):
+            window = half[max(i - RADIUS, 0) : i + RADIUS + 1, max(j - RADIUS, 0) : j + RADIUS + 1]
+            assert np.array(mean).reshape(height, width)[i, j] == pytest.approx(window.mean(), rel=1e-5)
+
+
+def brute(normal, point, halves, levels, noise, known):
+    """Non-local means pixel by pixel, in float64."""
+    height, width = noise.shape
+    near = range(-RADIUS, RADIUS + 1)
+    weights = {(u, v): np.zeros((2, height, width)) for u in near for v in near if (v, u) > (0, 0)}
+    for (u, v), w in weights.items():
+        # Arrays of pairs: a pixel, and the one u to the right and v below, where there is one
+        a, b = (
+            (slice(0, height - v), slice(max(-u, 0), width - max(u, 0))),
+            (slice(v, height), slice(max(u, 0), width + min(u, 0))),
+        )
+        step, n = point[b] - point[a], normal[a]
+        along = np.abs((step * n).sum(-1))
+        same = known[a] & known[b] & ((n * normal[b]).sum(-1) > 0.95) & (along < 0.2 * np.linalg.norm(step, axis=-1))
+        spread = noise[a] + noise[b]
+        values = [((x[a] - x[b]) ** 2 - spread) / (TOLERANCE * spread + 1e-7) * same for x in levels]
+        patches = np.zeros((3, height, width))
+        for plane, value in zip(patches, [*values, same], strict=True):
+            plane[a] = value
+        padded = np.pad(patches, ((0, 0), (PATCH, PATCH), (PATCH, PATCH)))
+        sums = sum(padded[:, i : i + height, j : j + width] for i in range(2 * PATCH + 1) for j in range(2 * PATCH + 1))
+        mean = sums[:2] / np.maximum(sums[2], 1)
+        w[:, a[0], a[1]] = ((1 + np.maximum(mean[::-1], 0) / 16) ** -16)[:, a[0], a[1]] * same
+    out = []
+    for half, w in zip(halves, range(2), strict=True):
+        total, weight = half.copy(), np.ones((height, width, 1))
+        for (u, v), pair in weights.items():
+            for y in range(height - v):
+                for x in range(max(-u, 0), width - max(u, 0)):
+                    for p, q in (((y, x), (y + v, x + u)), ((y + v, x + u), (y, x))):
+                        total[p] += pair[w, y, x] * half[q]
+                        weight[p] += pair[w, y, x]
+        out.append(total / weight)
+    return out
+
+
+def test_sharing_against_brute_force(variant_llvm):
+    # An edge between surfaces, points off the plane, unknown pixels, noise of all sizes
+    height, width = 29, 23
+    rng = np.random.default_rng(3)
+    y, x = np.mgrid[:height, :width]
+    normal, point = np.zeros((height, width, 3)), np.stack([x, y, (rng.random(x.shape) < 0.05) * 2.0], -1)
+    normal[:, :15, 2] = normal[:, 15:, 1] = 1
+    halves, levels = rng.uniform(0.3, 0.6, (2, height, width, 3)), rng.uniform(0.3, 0.6, (2, height, width))
+    noise, known = 10 ** rng.uniform(-5, -1, (height, width)), rng.random((height, width)) < 0.9
+
+    def flat(values):
+        return mi.Float(np.ascontiguousarray(values, np.float32).ravel())
+
+    def vector(kind, values):
+        return kind([flat(values[..., k]) for k in range(3)])
+
+    found = share(
+        SimpleNamespace(width=width, height=height, pixels=width * height),
+        vector(mi.Vector3f, normal),
+        vector(mi.Point3f, point),
+        [vector(mi.Color3f, half) for half in halves],
+        [flat(level) for level in levels],
+        flat(noise),
+        mi.Bool(known.ravel()),
+    )
+    expected = brute(normal, point, halves, levels, noise, known)
+    for half, channels in zip(expected, (found[:3], found[3:]), strict=True):
+        image = np.stack([np.array(c).reshape(height, width) for c in channels], -1)
+        np.testing.assert_allclose(image[known], half[known], atol=2e-5)
 
 
 @pytest.mark.parametrize("name, share", [("grating", 0.6), ("penumbra", 0.5), ("fence", 0.75)])
