@@ -5,8 +5,6 @@ Dr.Jit could only gather it, neighbour by neighbour. Each function goes over one
 
 from __future__ import annotations
 
-from concurrent.futures import ThreadPoolExecutor
-
 import drjit as dr
 import numba as nb
 import numpy as np
@@ -14,7 +12,7 @@ import numpy as np
 RADIUS = 2  # share within 5×5 pixels
 PATCH = 3  # that agree over 7×7 pixels
 TOLERANCE = 0.7  # of what noise explains
-ROWS = 24  # of a stripe, shared together
+ROWS = 24  # of a stripe, which stays in the cache
 EDGE = RADIUS + PATCH  # of pixels looked at around it
 SLACK = 64  # floats behind an array that Dr.Jit borrows: its kernels read whole packets
 
@@ -43,15 +41,12 @@ def share(frame, normal, point, halves, levels, noise, known):
     list of 6 mi.Float
         Channels of the first half, then of the second.
     """
-    height, width = frame.height, frame.width
-    field = np.zeros((PLANES, height + 2 * EDGE, width + 2 * EDGE), np.float32)
-    planes = [*normal, *point, *halves[0], *halves[1], *levels, noise, known]
-    for plane, values in zip(field[:, EDGE:-EDGE, EDGE:-EDGE], planes, strict=True):
-        plane[:] = values.numpy().reshape(height, width)
+    planes = [*normal, *point, *halves[0], *halves[1], *levels, noise, dr.select(known, type(noise)(1), 0)]
+    dr.eval(planes)
+    planes = tuple(np.ascontiguousarray(plane.numpy()) for plane in planes)
     flat = np.empty(6 * frame.pixels + SLACK, np.float32)
-    out = flat[: 6 * frame.pixels].reshape(6, height, width)
-    with ThreadPoolExecutor(max(dr.thread_count(), 1)) as pool:
-        list(pool.map(lambda first: _stripe(field, first, out), range(0, height, ROWS)))
+    out = flat[: 6 * frame.pixels].reshape(6, frame.height, frame.width)
+    _share(planes, out, nb.get_num_threads())
     return [type(noise)(plane.ravel()) for plane in out]
 
 
@@ -80,12 +75,18 @@ def _flat(along, length, known, other, out):
 
 
 @nb.njit(cache=True, error_model="numpy")
-def _differ(x, y, noise, more, same, out):
+def _explained(noise, other, same, out):
+    # One over what noise explains of a squared difference, with the tolerance
+    for i in range(len(out)):
+        out[i] = same[i] / (np.float32(TOLERANCE) * (noise[i] + other[i]) + np.float32(1e-7))
+
+
+@nb.njit(cache=True, error_model="numpy")
+def _differ(x, y, noise, other, scale, out):
     # The squared difference beyond what noise explains, in units of that
     for i in range(len(out)):
-        spread, d = noise[i] + more[i], x[i] - y[i]
-        value = (d * d - spread) / (np.float32(TOLERANCE) * spread + np.float32(1e-7))
-        out[i] = value if same[i] > 0 else np.float32(0)
+        d = x[i] - y[i]
+        out[i] = (d * d - (noise[i] + other[i])) * scale[i]
 
 
 @nb.njit(cache=True, error_model="numpy")
@@ -106,12 +107,12 @@ def _down(a, b, c, d, e, f, g, out):
 def _weigh(value, count, same, out):
     # exp(-x) as (1 + x/16)^-16, which needs no call
     for i in range(len(out)):
-        x = value[i] / max(count[i], np.float32(1))
-        x = np.float32(1) + (x if x > 0 else np.float32(0)) * np.float32(1 / 16)
+        n, v = max(count[i], np.float32(1)), value[i]
+        x = n / (n + (v if v > 0 else np.float32(0)) * np.float32(1 / 16))
         x *= x
         x *= x
         x *= x
-        out[i] = same[i] / (x * x)
+        out[i] = same[i] * (x * x)
 
 
 @nb.njit(cache=True, error_model="numpy")
@@ -133,21 +134,23 @@ def _divide(values, weight, out):
 
 
 @nb.njit(cache=True, error_model="numpy")
-def _compare(field, y, begin, end, u, v, space, same, row):
+def _compare(field, y, begin, end, u, v, row, sums, same):
     # How the pixels of a row differ from those u to the right and v below, summed across their patches
     a, b, c, d, z = begin, end, begin + u, end + u, y + v
-    along, length, value, sums = space
+    along, length, value = row
     _turned(field[0, y, a:b], field[1, y, a:b], field[2, y, a:b], field[0, z, c:d], field[1, z, c:d], field[2, z, c:d], same)
     along[:] = 0
     length[:] = 0
     for k in range(3):
         _step(field[NORMAL + k, y, a:b], field[POINT + k, y, a:b], field[POINT + k, z, c:d], along, length)
     _flat(along, length, field[KNOWN, y, a:b], field[KNOWN, z, c:d], same)
+    noise, other, scale = field[NOISE, y, a:b], field[NOISE, z, c:d], length
+    _explained(noise, other, same, scale)
     for half in range(2):
         k = LEVEL + half
-        _differ(field[k, y, a:b], field[k, z, c:d], field[NOISE, y, a:b], field[NOISE, z, c:d], same, value)
-        _across(value, sums[half, row])
-    _across(same, sums[2, row])
+        _differ(field[k, y, a:b], field[k, z, c:d], noise, other, scale, value)
+        _across(value, sums[half, y])
+    _across(same, sums[2, y])
 
 
 @nb.njit(cache=True, error_model="numpy")
@@ -159,40 +162,62 @@ def _give(field, w, half, y, x, total, row, column):
     _increase(w, total[4 * half + 3, row, column : column + n])
 
 
-@nb.njit(cache=True, error_model="numpy", nogil=True)
-def _stripe(field, first, out):
-    # All of rows `first` on
+@nb.njit(cache=True, error_model="numpy")
+def _copy(values, out):
+    for i in range(len(out)):
+        out[i] = values[i]
+
+
+@nb.njit(cache=True, error_model="numpy")
+def _stripes(planes, begin, step, out):
+    # Rows `begin` on, and those `step` further down, and so on
     height, width = out.shape[1:]
-    rows, wide = min(ROWS, height - first), width + 2 * PATCH
-    same, sums = np.empty((rows + 2 * EDGE, wide), np.float32), np.empty((3, rows + 2 * EDGE, width), np.float32)
-    space = np.empty(wide, np.float32), np.empty(wide, np.float32), np.empty(wide, np.float32), sums
+    wide = width + 2 * PATCH
+    field = np.zeros((PLANES, ROWS + 2 * EDGE, width + 2 * EDGE), np.float32)
+    same, sums = np.empty((ROWS + 2 * EDGE, wide), np.float32), np.empty((3, ROWS + 2 * EDGE, width), np.float32)
+    row = np.empty(wide, np.float32), np.empty(wide, np.float32), np.empty(wide, np.float32)
     near, w = np.empty((3, width), np.float32), np.empty(width, np.float32)
-    # Colours and weight of each half: first the pixels' own
-    total = np.zeros((8, rows, width + 2 * RADIUS), np.float32)
-    w[:] = 1
-    for half in range(2):
-        for r in range(rows):
-            _give(field, w, half, first + r + EDGE, EDGE, total, r, RADIUS)
-    for v in range(RADIUS + 1):
-        for u in range(-RADIUS if v else 1, RADIUS + 1):
-            for r in range(-v - PATCH, rows + PATCH):
-                k = r + EDGE
-                _compare(field, first + k, RADIUS, RADIUS + wide, u, v, space, same[k], k)
-            for r in range(-v, rows):
-                k = r + EDGE
-                y = first + k
-                for j in range(3):
-                    s = sums[j]
-                    _down(s[k - 3], s[k - 2], s[k - 1], s[k], s[k + 1], s[k + 2], s[k + 3], near[j])
-                for half in range(2):
-                    # Each half is weighted by the other
-                    _weigh(near[1 - half], near[2], same[k, PATCH : PATCH + width], w)
-                    if r >= 0:
-                        _give(field, w, half, y + v, EDGE + u, total, r, RADIUS)
-                    if r + v < rows:
-                        _give(field, w, half, y, EDGE, total, r + v, RADIUS + u)
-    for half in range(2):
-        for r in range(rows):
-            for c in range(3):
-                a, b = total[4 * half + c, r, RADIUS : RADIUS + width], total[4 * half + 3, r, RADIUS : RADIUS + width]
-                _divide(a, b, out[3 * half + c, first + r])
+    # Colours and weight of each half
+    total = np.empty((8, ROWS, width + 2 * RADIUS), np.float32)
+    for first in range(begin, height, step):
+        rows = min(ROWS, height - first)
+        for k, plane in enumerate(planes):
+            for r in range(rows + 2 * EDGE):
+                y = first + r - EDGE
+                if 0 <= y < height:
+                    _copy(plane[y * width : (y + 1) * width], field[k, r, EDGE : EDGE + width])
+                else:
+                    field[k, r] = 0
+        # First what is the pixels' own
+        total[:] = 0
+        w[:] = 1
+        for half in range(2):
+            for r in range(rows):
+                _give(field, w, half, r + EDGE, EDGE, total, r, RADIUS)
+        for v in range(RADIUS + 1):
+            for u in range(-RADIUS if v else 1, RADIUS + 1):
+                for y in range(RADIUS - v, rows + EDGE + PATCH):
+                    _compare(field, y, RADIUS, RADIUS + wide, u, v, row, sums, same[y])
+                for y in range(EDGE - v, rows + EDGE):
+                    for j in range(3):
+                        s = sums[j]
+                        _down(s[y - 3], s[y - 2], s[y - 1], s[y], s[y + 1], s[y + 2], s[y + 3], near[j])
+                    r = y - EDGE
+                    for half in range(2):
+                        # Each half is weighted by the other
+                        _weigh(near[1 - half], near[2], same[y, PATCH : PATCH + width], w)
+                        if r >= 0:
+                            _give(field, w, half, y + v, EDGE + u, total, r, RADIUS)
+                        if r + v < rows:
+                            _give(field, w, half, y, EDGE, total, r + v, RADIUS + u)
+        for half in range(2):
+            for r in range(rows):
+                weight = total[4 * half + 3, r, RADIUS : RADIUS + width]
+                for c in range(3):
+                    _divide(total[4 * half + c, r, RADIUS : RADIUS + width], weight, out[3 * half + c, first + r])
+
+
+@nb.njit(cache=True, parallel=True)
+def _share(planes, out, threads):
+    for k in nb.prange(threads):
+        _stripes(planes, k * ROWS, threads * ROWS, out)
