@@ -12,7 +12,7 @@ import mitsuba as mi
 
 from .cells import window_sum
 
-WHOLE = 0.35  # variance of a whole net over that of its half
+WHOLE = 0.5  # variance of the whole over that of its half
 LEFT = 0.5  # of a pixel's standard error, after sharing: so much less is spent where pixels may share
 
 

@@ -115,8 +115,8 @@ def decide(pilot, frame, classifier: str, grid: int, named: bool, refinement: bo
     camera = dr.maximum(camera, 0)
     doubt = dr.square(b1 * spread)
     light = doubt + mean * mean * noise * dr.select(mean >= 1, SMOOTH, 1)
-    # As many shadow rays a hit as balance the two, given what a hit and a ray cost
-    balance = dr.sqrt(HIT_COST * light / dr.maximum(camera, 1e-12 + 1e-6 * level * level))
+    # As many shadow rays a hit as balance what is left of the two, given what a hit and a ray cost
+    balance = dr.sqrt(HIT_COST * dr.square(left) * light / dr.maximum(camera, 1e-12 + 1e-6 * level * level))
     rays = mi.UInt32(1) << mi.UInt32(dr.clip(dr.round(dr.log2(dr.maximum(balance, 1))), 0, MAX_LOG_RAYS))
     # Where nothing can stand in the way there is no doubt, and rays that were planned are spared
     light -= proven * doubt
