@@ -76,21 +76,19 @@ def window_sum(values: list, width: int, height: int, radius: int = RADIUS) -> l
     return [t - v for t, v in zip(total, values, strict=True)]
 
 
-def neighbor_sum(values: list, width: int, height: int) -> list:
-    """Sum float images over each pixel's eight neighbours, never touching the pixel itself (not even by rounding)."""
+def neighbors(values: list, width: int, height: int):
+    """Yield float images at each of a pixel's eight neighbours, nought beyond the border, and whether there is one."""
     index = dr.arange(mi.UInt32, width * height)
     w, h = dr.opaque(mi.Int32, width), dr.opaque(mi.Int32, height)
     x, y = mi.Int32(index) % w, mi.Int32(index) // w
     dr.eval(values)
-    total = [mi.Float(0) for _ in values]
     for dy in (-1, 0, 1):
         for dx in (-1, 0, 1):
             if dx or dy:
                 xs, ys = x + dx, y + dy
                 inside = (xs >= 0) & (xs < w) & (ys >= 0) & (ys < h)
                 at = mi.UInt32(ys * w + xs)
-                total = [t + dr.gather(mi.Float, v, at, inside) for t, v in zip(total, values, strict=True)]
-    return total
+                yield [dr.gather(mi.Float, v, at, inside) for v in values], inside
 
 
 def pack_fractions(fractions: list):

@@ -91,22 +91,22 @@ def decide(pilot, frame, classifier: str, grid: int, named: bool, refinement: bo
     for f in fractions:
         spread += dr.sqrt(dr.maximum(f * (1 - f), PRIOR * PRIOR))
     spread /= len(fractions)
-    # Noise from inside the pixel (edges, textures) shows as differences between neighbours
-    b, e = mi.luminance(pilot.bright), mi.luminance(pilot.emission)
+    # Noise from inside the pixel (edges, textures) shows as differences between neighbours. Those of this pixel are in no
+    # sum of its own; but its probe is, which is in no estimate
+    looks = [mi.luminance(pilot.bright), mi.luminance(pilot.emission)]
     one = mi.Float(dr.full(mi.Float, 1, frame.pixels))
-    flat = [pilot.noise + 0 * b, dr.select(pilot.proven > 0, mi.Float(1), mi.Float(0)) + 0 * b]
-    sums = cells.neighbor_sum([b, b * b, e, e * e, b * e, *flat, one], frame.width, frame.height)
-    count = dr.maximum(sums[7], 1)
-    noise, proven = (s / count for s in sums[5:7])
-    moments = sums[:5]
-    if pilot.probe_bright is not None:
-        # The probes are in no estimate: a pixel may look at its own
-        b, e = pilot.probe_bright, pilot.probe_emission
-        probes = [b, b * b, e, e * e, b * e, one]
-        near = cells.neighbor_sum(probes, frame.width, frame.height)
-        moments = [s + t + u for s, t, u in zip(moments, near, probes, strict=False)]
-        count += near[5] + 1
-    b1, b2, e1, e2, be = (s / count for s in moments)
+    looks += [pilot.noise + 0 * one, dr.select(pilot.proven > 0, mi.Float(1), mi.Float(0)) + 0 * one]
+    probe = [] if pilot.probe_bright is None else [pilot.probe_bright, pilot.probe_emission]
+    moments = _moments(*probe) if probe else [mi.Float(0)] * 5
+    count, noise, proven = mi.Float(0), mi.Float(0), mi.Float(0)
+    for (b, e, n, p, *other), inside in cells.neighbors(looks + probe, frame.width, frame.height):
+        count += dr.select(inside, one, 0)
+        noise, proven = noise + n, proven + p
+        for pair in ((b, e), other) if probe else ((b, e),):
+            moments = [m + v for m, v in zip(moments, _moments(*pair), strict=True)]
+    alone = count == 0
+    noise, proven = (x / dr.maximum(count, 1) for x in (noise, proven))
+    b1, b2, e1, e2, be = (m / dr.maximum(2 * count + 1 if probe else count, 1) for m in moments)
     # Neighbours' light is scaled by this pixel's guess: theirs would carry this pixel's own rays back to it
     level = b1 * mean + e1
     # What the light samples inside a hit add to those differences is noise that more rays a hit reduce
@@ -123,9 +123,13 @@ def decide(pilot, frame, classifier: str, grid: int, named: bool, refinement: bo
     light /= dr.power(mi.Float(rays), 1.3)
     # A film of one pixel has no neighbours to tell
     error, need = (
-        dr.select(sums[7] > 0, dr.sqrt((camera + share * share * light) / (level * level + 0.01)), 1) for share in (1.0, left)
+        dr.select(alone, 1, dr.sqrt((camera + share * share * light) / (level * level + 0.01))) for share in (1.0, left)
     )
     return Decision(label, guess, mask, mean, refine, rays, error, need, near_seen[2:], near_tried[2:])
+
+
+def _moments(b, e):
+    return [b, b * b, e, e * e, b * e]
 
 
 def allocate(decision, frame, seed, budget: float, max_rays: int, pilot_rays: int, threshold: float) -> None:
