@@ -11,6 +11,7 @@ import drjit as dr
 import mitsuba as mi
 
 from .cells import window_sum
+from .share import SLOPE, TURN, share
 
 WHOLE = 0.5  # variance of the whole over that of its half
 LEFT = 0.5  # of a pixel's standard error, after sharing: so much less is spent where pixels may share
@@ -51,9 +52,6 @@ def smooth(total, image, grid):
     dr.eval(a, b, va, vb, noise, known)
     if not dr.any(known & (noise > 0)):
         return image
-    # Not before it is needed: numba takes a while to load
-    from .share import share
-
     means = share(frame, grid.normal, grid.point, (a, b), (va, vb), noise, known)
     shared_a, shared_b = mi.Color3f(means[:3]), mi.Color3f(means[3:])
     trust = _benefit(frame, va, vb, mi.luminance(shared_a), mi.luminance(shared_b))
@@ -77,7 +75,6 @@ class Grid:
         self.width, self.height = dr.opaque(mi.Int32, frame.width), dr.opaque(mi.Int32, frame.height)
         index = dr.arange(mi.Int32, frame.pixels)
         self.x, self.y = index % self.width, index // self.width
-        self.size = frame.width, frame.height
         self.normal, self.point = mi.Vector3f(pilot.normal), mi.Point3f(pilot.point)
         dr.eval(self.x, self.y, self.normal, self.point)
         self.inner = mi.Bool(True)
@@ -94,8 +91,8 @@ class Grid:
     def alike(self, other, inside):
         """Whether another pixel is on the same surface: alike normals, and a step that stays in the tangent plane."""
         step = dr.gather(mi.Point3f, self.point, other, inside) - self.point
-        same = dr.dot(dr.gather(mi.Vector3f, self.normal, other, inside), self.normal) > 0.95
-        return inside & same & (dr.abs(dr.dot(step, self.normal)) < 0.2 * dr.norm(step))
+        same = dr.dot(dr.gather(mi.Vector3f, self.normal, other, inside), self.normal) > TURN
+        return inside & same & (dr.abs(dr.dot(step, self.normal)) < SLOPE * dr.norm(step))
 
 
 def _benefit(frame, a, b, shared_a, shared_b):

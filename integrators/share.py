@@ -12,6 +12,8 @@ import numpy as np
 RADIUS = 2  # share within 5×5 pixels
 PATCH = 3  # that agree over 7×7 pixels
 TOLERANCE = 0.7  # of what noise explains
+TURN = 0.95  # least cosine between the normals of one surface
+SLOPE = 0.2  # most that a step along it leaves its tangent plane, as a share of the step
 ROWS = 24  # of a stripe, which stays in the cache
 EDGE = RADIUS + PATCH  # of pixels looked at around it
 SLACK = 64  # floats behind an array that Dr.Jit borrows: its kernels read whole packets
@@ -19,6 +21,9 @@ SLACK = 64  # floats behind an array that Dr.Jit borrows: its kernels read whole
 # Planes of a field: normals and points; of each half its colour and luminance; noise; whether a pixel is known
 NORMAL, POINT, COLOUR, LEVEL, NOISE, KNOWN = 0, 3, 6, 12, 14, 15
 PLANES = 16
+
+# Called by compiled code alone
+_compiled = nb.njit(cache=True, error_model="numpy", no_cpython_wrapper=True, no_cfunc_wrapper=True)
 
 
 def share(frame, normal, point, halves, levels, noise, known):
@@ -50,14 +55,14 @@ def share(frame, normal, point, halves, levels, noise, known):
     return [type(noise)(plane.ravel()) for plane in out]
 
 
-@nb.njit(cache=True, error_model="numpy")
+@_compiled
 def _turned(nx, ny, nz, ox, oy, oz, out):
-    # Nought where normals differ by more than 18°
+    # Nought where normals differ
     for i in range(len(out)):
-        out[i] = np.float32(1 if nx[i] * ox[i] + ny[i] * oy[i] + nz[i] * oz[i] > np.float32(0.95) else 0)
+        out[i] = np.float32(1 if nx[i] * ox[i] + ny[i] * oy[i] + nz[i] * oz[i] > np.float32(TURN) else 0)
 
 
-@nb.njit(cache=True, error_model="numpy")
+@_compiled
 def _step(n, p, q, along, length):
     # One coordinate of the step to another point, added to its part along the normal and to its squared length
     for i in range(len(n)):
@@ -66,22 +71,22 @@ def _step(n, p, q, along, length):
         length[i] += d * d
 
 
-@nb.njit(cache=True, error_model="numpy")
+@_compiled
 def _flat(along, length, known, other, out):
     # Nought where the step leaves the tangent plane, or a pixel is not known
     for i in range(len(out)):
-        stays = along[i] * along[i] < np.float32(0.04) * length[i]
+        stays = along[i] * along[i] < np.float32(SLOPE * SLOPE) * length[i]
         out[i] = out[i] * known[i] * other[i] if stays else np.float32(0)
 
 
-@nb.njit(cache=True, error_model="numpy")
+@_compiled
 def _explained(noise, other, same, out):
     # One over what noise explains of a squared difference, with the tolerance
     for i in range(len(out)):
         out[i] = same[i] / (np.float32(TOLERANCE) * (noise[i] + other[i]) + np.float32(1e-7))
 
 
-@nb.njit(cache=True, error_model="numpy")
+@_compiled
 def _differ(x, y, noise, other, scale, out):
     # The squared difference beyond what noise explains, in units of that
     for i in range(len(out)):
@@ -89,21 +94,21 @@ def _differ(x, y, noise, other, scale, out):
         out[i] = (d * d - (noise[i] + other[i])) * scale[i]
 
 
-@nb.njit(cache=True, error_model="numpy")
+@_compiled
 def _across(a, out):
     # Sums of seven beside each other
     for i in range(len(out)):
         out[i] = ((a[i] + a[i + 1]) + (a[i + 2] + a[i + 3])) + ((a[i + 4] + a[i + 5]) + a[i + 6])
 
 
-@nb.njit(cache=True, error_model="numpy")
+@_compiled
 def _down(a, b, c, d, e, f, g, out):
     # Sums of seven below each other
     for i in range(len(out)):
         out[i] = ((a[i] + b[i]) + (c[i] + d[i])) + ((e[i] + f[i]) + g[i])
 
 
-@nb.njit(cache=True, error_model="numpy")
+@_compiled
 def _weigh(value, count, same, out):
     # exp(-x) as (1 + x/16)^-16, which needs no call
     for i in range(len(out)):
@@ -115,29 +120,29 @@ def _weigh(value, count, same, out):
         out[i] = same[i] * (x * x)
 
 
-@nb.njit(cache=True, error_model="numpy")
+@_compiled
 def _add(weight, values, out):
     for i in range(len(out)):
         out[i] += weight[i] * values[i]
 
 
-@nb.njit(cache=True, error_model="numpy")
+@_compiled
 def _increase(weight, out):
     for i in range(len(out)):
         out[i] += weight[i]
 
 
-@nb.njit(cache=True, error_model="numpy")
+@_compiled
 def _divide(values, weight, out):
     for i in range(len(out)):
         out[i] = values[i] / weight[i]
 
 
-@nb.njit(cache=True, error_model="numpy")
-def _compare(field, y, begin, end, u, v, row, sums, same):
+@_compiled
+def _compare(field, y, begin, end, u, v, scratch, sums, same):
     # How the pixels of a row differ from those u to the right and v below, summed across their patches
     a, b, c, d, z = begin, end, begin + u, end + u, y + v
-    along, length, value = row
+    along, length, value = scratch
     _turned(field[0, y, a:b], field[1, y, a:b], field[2, y, a:b], field[0, z, c:d], field[1, z, c:d], field[2, z, c:d], same)
     along[:] = 0
     length[:] = 0
@@ -153,7 +158,7 @@ def _compare(field, y, begin, end, u, v, row, sums, same):
     _across(same, sums[2, y])
 
 
-@nb.njit(cache=True, error_model="numpy")
+@_compiled
 def _give(field, w, half, y, x, total, row, column):
     # Give a row of a half's pixels, so weighted, to others
     n = len(w)
@@ -162,20 +167,20 @@ def _give(field, w, half, y, x, total, row, column):
     _increase(w, total[4 * half + 3, row, column : column + n])
 
 
-@nb.njit(cache=True, error_model="numpy")
+@_compiled
 def _copy(values, out):
     for i in range(len(out)):
         out[i] = values[i]
 
 
-@nb.njit(cache=True, error_model="numpy")
+@_compiled
 def _stripes(planes, begin, step, out):
     # Rows `begin` on, and those `step` further down, and so on
     height, width = out.shape[1:]
     wide = width + 2 * PATCH
     field = np.zeros((PLANES, ROWS + 2 * EDGE, width + 2 * EDGE), np.float32)
     same, sums = np.empty((ROWS + 2 * EDGE, wide), np.float32), np.empty((3, ROWS + 2 * EDGE, width), np.float32)
-    row = np.empty(wide, np.float32), np.empty(wide, np.float32), np.empty(wide, np.float32)
+    scratch = np.empty(wide, np.float32), np.empty(wide, np.float32), np.empty(wide, np.float32)
     near, w = np.empty((3, width), np.float32), np.empty(width, np.float32)
     # Colours and weight of each half
     total = np.empty((8, ROWS, width + 2 * RADIUS), np.float32)
@@ -197,7 +202,7 @@ def _stripes(planes, begin, step, out):
         for v in range(RADIUS + 1):
             for u in range(-RADIUS if v else 1, RADIUS + 1):
                 for y in range(RADIUS - v, rows + EDGE + PATCH):
-                    _compare(field, y, RADIUS, RADIUS + wide, u, v, row, sums, same[y])
+                    _compare(field, y, RADIUS, RADIUS + wide, u, v, scratch, sums, same[y])
                 for y in range(EDGE - v, rows + EDGE):
                     for j in range(3):
                         s = sums[j]

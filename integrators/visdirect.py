@@ -11,7 +11,7 @@ import mitsuba as mi
 from ..errors import InputError
 from ..report import Report
 from ..visibility import VisibilityClass
-from . import assemble, consistent, passes
+from . import assemble, passes
 from .camera import Frame
 from .decide import allocate, decide
 from .shading import prepare
@@ -135,8 +135,12 @@ def define(base):
             clock.lap("pilot")
 
             # Decide
-            shared = consistent.Grid(frame, look) if self.mode == "consistent" and shading.lights.count else None
-            left = 1.0
+            shared, left = None, 1.0
+            if self.mode == "consistent" and shading.lights.count:
+                # Not before it is needed: numba takes a while to load
+                from . import consistent
+
+                shared = consistent.Grid(frame, look)
             # Under a wide filter sharing takes away less
             if shared and film.rfilter().is_box_filter():
                 left = dr.select(shared.inner, mi.Float(consistent.LEFT), 1)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from intervis.integrators import consistent
-from intervis.integrators.share import PATCH, RADIUS, TOLERANCE, share
+from intervis.integrators.share import PATCH, RADIUS, SLOPE, TOLERANCE, TURN, share
 from intervis.scenes import load
 
 
@@ -77,7 +77,7 @@ def brute(normal, point, halves, levels, noise, known):
         )
         step, n = point[b] - point[a], normal[a]
         along = np.abs((step * n).sum(-1))
-        same = known[a] & known[b] & ((n * normal[b]).sum(-1) > 0.95) & (along < 0.2 * np.linalg.norm(step, axis=-1))
+        same = known[a] & known[b] & ((n * normal[b]).sum(-1) > TURN) & (along < SLOPE * np.linalg.norm(step, axis=-1))
         spread = noise[a] + noise[b]
         values = [((x[a] - x[b]) ** 2 - spread) / (TOLERANCE * spread + 1e-7) * same for x in levels]
         patches = np.zeros((3, height, width))
@@ -88,7 +88,7 @@ def brute(normal, point, halves, levels, noise, known):
         mean = sums[:2] / np.maximum(sums[2], 1)
         w[:, a[0], a[1]] = ((1 + np.maximum(mean[::-1], 0) / 16) ** -16)[:, a[0], a[1]] * same
     out = []
-    for half, w in zip(halves, range(2), strict=True):
+    for w, half in enumerate(halves):
         total, weight = half.copy(), np.ones((height, width, 1))
         for (u, v), pair in weights.items():
             for y in range(height - v):
