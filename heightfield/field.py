@@ -170,19 +170,17 @@ class HeightField:
         n = surface.normals(self.heights, self.spacing, self.valid)
         if points is not None:
             elevations, n = self._at_points(points, k, n)
-            tangents, known = np.tan(elevations), np.isfinite(elevations[0])
+            tangents, known = np.tan(elevations).astype(np.float32), np.isfinite(elevations[0])
         else:
             tangents, known = map(packed, self._tangents(k, method, progress)), self.valid
-        total = np.zeros(known.shape)
+        total, n = np.zeros(known.size), n.reshape(3, -1)
         with self._reported():
             for az, t in zip(k, tangents, strict=True):
                 if weighting == "cosine":
-                    total += light.sky_share(t, n, az)
+                    light.add_cosine(t.ravel(), n, az, total)
                 else:
-                    # Below the horizontal there is no sky
-                    e = np.arctan(np.maximum(t, 0, dtype=np.float64))
-                    total += 1 - np.sin(e)
-        out = np.clip(total / len(k), 0, 1).astype(np.float32)
+                    light.add_solid_angle(t.ravel(), total)
+        out = np.clip(total / len(k), 0, 1).astype(np.float32).reshape(known.shape)
         out[~known] = np.nan
         return out
 

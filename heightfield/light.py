@@ -2,27 +2,43 @@
 
 from __future__ import annotations
 
+import math
+
+import numba as nb
 import numpy as np
 
 from ..errors import InputError
 from .check import listed, number, reals, shown
+from .sweep import arctan
 
 SUN_RADIUS = np.radians(0.2666)  # mean angular radius of the sun
 BRIGHTEST = 1e30  # W/m²: light is float32
 ROWS = 2048  # elevations at which a sky is sampled, as many as `gather` tabulates
 
 
-def tangent_plane(n: np.ndarray, azimuth: float) -> np.ndarray:
-    """Tangent of the elevation at which a receiver's own plane rises in a direction; ``n`` is (3, rows, columns)."""
-    return -(n[0] * np.sin(azimuth) + n[1] * np.cos(azimuth)) / n[2]
+@nb.njit(cache=True, parallel=True, error_model="numpy")
+def add_cosine(tangents, normals, azimuth, total):
+    """Add the cosine-weighted share of a uniform sky in one direction, above tangents; 1 for an open horizontal plane.
+
+    ``tangents`` are (n,) float32, ``normals`` (3, n), ``total`` (n,) float64.
+    """
+    s, c = math.sin(azimuth), math.cos(azimuth)
+    for i in nb.prange(len(tangents)):
+        a, up = normals[0, i] * s + normals[1, i] * c, normals[2, i]
+        # The receiver's own plane hides what is below it
+        t = max(np.float64(tangents[i]), -a / up)
+        # From e = arctan t to the zenith: ∫ (n_z sin + a cos) cos = n_z cos²e / 2 + a (π/2 − e − sin e cos e) / 2, over the
+        # 1/2 of an open plane
+        below = 1 / (1 + t * t)
+        total[i] += max(up * below + a * (np.pi / 2 - arctan(np.float32(t)) - t * below), 0.0)
 
 
-def sky_share(t: np.ndarray, n: np.ndarray, azimuth: float) -> np.ndarray:
-    """Cosine-weighted share of a uniform sky in one direction, above tangents ``t``; 1 for an open horizontal plane."""
-    e = np.arctan(np.maximum(t, tangent_plane(n, azimuth)).astype(np.float64))
-    a = n[0] * np.sin(azimuth) + n[1] * np.cos(azimuth)
-    # From e to the zenith: ∫ (n_z sin + a cos) cos = n_z cos²e / 2 + a (π/2 − e − sin e cos e) / 2, over an open plane's 1/2
-    return np.maximum(n[2] * np.cos(e) ** 2 + a * (np.pi / 2 - e - np.sin(e) * np.cos(e)), 0)
+@nb.njit(cache=True, parallel=True, error_model="numpy")
+def add_solid_angle(tangents, total):
+    """Add the share of the sky's solid angle in one direction, above tangents: below the horizontal there is no sky."""
+    for i in nb.prange(len(tangents)):
+        t = max(np.float64(tangents[i]), 0.0)
+        total[i] += 1 - t / math.sqrt(1 + t * t)
 
 
 def disk_share(horizon: np.ndarray, elevation: float, radius: float) -> np.ndarray:
