@@ -77,8 +77,7 @@ def batches(hits, rays):
     most = int(dr.max(hits)[0])
     if most == 0:
         return
-    alike = [dr.compress(hits == (1 << h)) for h in reversed(range(most.bit_length()))]
-    pixel = dr.concat([a for a in alike if dr.width(a)])
+    pixel = _joined([dr.compress(hits == (1 << h)) for h in reversed(range(most.bit_length()))])
     hits, rays = dr.gather(mi.UInt32, hits, pixel), dr.gather(mi.UInt32, rays, pixel)
     # In 64 bits: large films at many samples have more hits than 32 bits count
     bounds = np.cumsum(np.array(hits), dtype=np.int64)
@@ -92,6 +91,17 @@ def batches(hits, rays):
         columns = [dr.gather(mi.UInt32, column, some) for column in (pixel, hits, rays)]
         yield _numbered(*columns, dr.cumsum(columns[1]), order, int(bounds[stop - 1]) - done)
         start = stop
+
+
+def _joined(arrays):
+    # `dr.concat` makes places part of its kernels, which then are compiled again in every render on a GPU
+    starts = np.cumsum([0, *(dr.width(a) for a in arrays)])
+    out = dr.empty(mi.UInt32, int(starts[-1]))
+    for start, a in zip(starts, arrays, strict=False):
+        if dr.width(a):
+            dr.scatter(out, a, dr.arange(mi.UInt32, dr.width(a)) + dr.opaque(mi.UInt32, int(start)))
+    dr.eval(out)
+    return out
 
 
 @dr.syntax
