@@ -94,7 +94,7 @@ def batches(hits, rays):
 
 
 def _joined(arrays):
-    # `dr.concat` makes places part of its kernels, which then are compiled again in every render on a GPU
+    # `dr.concat` makes places part of its kernels: every seed would have some of its own to compile
     starts = np.cumsum([0, *(dr.width(a) for a in arrays)])
     out = dr.empty(mi.UInt32, int(starts[-1]))
     for start, a in zip(starts, arrays, strict=False):
