@@ -7,6 +7,7 @@ import numpy as np
 from ..errors import InputError
 
 UNKNOWN = 1e15  # m; what is beyond is no height
+FARTHEST = 1e30  # m; nobody looks farther
 
 
 def shown(value) -> str:
@@ -58,7 +59,7 @@ def spacing_of(spacing) -> tuple[float, float]:
     values = reals("spacing", spacing)
     if values.ndim > 1 or values.size not in (1, 2):
         raise InputError(f"'spacing' must be one number or two, (dy, dx), in metres (got {shown(spacing)})")
-    pair = [number("spacing", v, 1e-12, 1e12) for v in values.ravel().tolist()]
+    pair = [number("spacing", v, 1e-12, 1e9) for v in values.ravel().tolist()]
     return pair[0], pair[-1]
 
 

@@ -268,15 +268,15 @@ def steepest(laid: Laid, way: skip.Way, own, pitch: int, out):
     return best, dr.sum(looked)
 
 
-def horizons(laid: Laid, d, curve: float = 0.0, reach: int | None = None, tally=None) -> np.ndarray:
+def horizons(laid: Laid, d, curve: float = 0.0, reach: float | None = None, tally=None) -> np.ndarray:
     """Tangent of the horizon of every grid point; as `skip.horizons`."""
     (_, columns, stride), kinds = laid.shape, types(laid.backend)
-    rows, reach = stride - march.BLOCK, columns - 1 if reach is None else min(reach, columns - 1)
-    if reach <= 0:
+    rows, ahead = stride - march.BLOCK, march.edges(d, columns - 1, reach)
+    if not len(ahead[0]):
         return np.full((columns, rows), -np.inf, np.float32)
     row = dr.arange(kinds.Int32, columns * stride) % dr.opaque(kinds.Int32, stride)
     out = dr.select(row < dr.opaque(kinds.Int32, rows), kinds.Float(-dr.inf), dr.inf)
-    way = skip.way(laid.shape, stretches(laid, d), d, curve, *march.edges(d, reach))
+    way = skip.way(laid.shape, stretches(laid, d), d, curve, *ahead)
     best, looked = steepest(laid, way, laid.heights, stride, out)
     if tally is not None:
         tally.append(int(looked.numpy()[0]))

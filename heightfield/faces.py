@@ -227,7 +227,7 @@ def along_edge(d: Direction, y: float, x: float) -> bool:
     return (d.slope == 0 or (d.slope == 1 and d.diagonal)) and abs(whole - round(whole)) < march.NEARBY
 
 
-def ray(d: Direction, columns: int, s: int, y: float = 0.0, x: float = 0.0, side: float = 1.0) -> Ray:
+def ray(d: Direction, columns: float, s: int, y: float = 0.0, x: float = 0.0, side: float = 1.0) -> Ray:
     """Follow a ray from row ``y`` and column ``x`` of a cell, for ``columns`` columns of a grid cut ``s`` times.
 
     ``side`` says on which side to look where the ray runs along an edge.

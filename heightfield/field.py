@@ -14,7 +14,7 @@ from ..errors import InputError
 from ..report import Report
 from . import device, hull, intervisibility, light, march, skip, surface, transport
 from . import points as rays
-from .check import choice, grid, known, number, shown, spacing_of, watcher
+from .check import FARTHEST, choice, grid, known, number, shown, spacing_of, watcher
 from .sources import path_of
 from .sweep import angles, azimuths_of, direction, packed
 from .tally import Tally
@@ -45,7 +45,7 @@ class HeightField:
     curvature : bool or float
         Let the Earth curve away: True for its radius and a refraction of 0.13, a number for another refraction coefficient.
     radius : float, optional
-        Do not look farther than so many metres.
+        Do not look farther than so many metres; what is just so far is seen.
 
     Attributes
     ----------
@@ -70,7 +70,7 @@ class HeightField:
         values = grid("heights", heights)
         self.spacing = spacing_of(spacing)
         self.policy = choice("nodata_policy", nodata_policy, POLICIES)
-        self.radius = None if radius is None else number("radius", radius, 0.0, open_low=True)
+        self.radius = None if radius is None else number("radius", radius, 0.0, FARTHEST, open_low=True)
         refraction = REFRACTION if isinstance(curvature, (bool, np.bool_)) else number("curvature", curvature, 0.0, 0.999)
         on = curvature is not False
         self.curve = (1 - refraction) / (2 * EARTH) if on else 0.0
@@ -354,7 +354,7 @@ class HeightField:
     # --- Sweeps ----------------------------------------------------------------------------------------------------
 
     def _reach(self, d):
-        return None if self.radius is None else max(int(self.radius / d.step), 1)
+        return None if self.radius is None else self.radius / d.step
 
     def _lit(self, azimuth, elevation, radius, method, at=None):
         # Share of the sun's disk that grid points see, or places on the surface

@@ -19,6 +19,7 @@ import numpy as np
 from . import tree
 from .lanes import FAR_BELOW, LANES, look, lowest_bit, march, next_rise
 from .lines import NOWHERE, first_line, lay, panel, points, span
+from .march import NEARBY
 from .sweep import packed
 
 BLOCK = 16  # samples stepped over at once, at most the bits of a word
@@ -227,7 +228,7 @@ def _deliver(order, slope, first, step, curve, counts, starts, offsets, overs, b
                     at, n = at + 1, n + 1
 
 
-def local_horizons(d, heights, curve: float = 0.0, reach: int | None = None, method: str = "auto"):
+def local_horizons(d, heights, curve: float = 0.0, reach: float | None = None, method: str = "auto"):
     """Find the local horizons of every grid point.
 
     Parameters
@@ -237,8 +238,8 @@ def local_horizons(d, heights, curve: float = 0.0, reach: int | None = None, met
         North up, centred.
     curve : float
         A point at distance ``x`` metres lies ``curve · x²`` lower.
-    reach : int, optional
-        Columns of the turned grid to look at.
+    reach : float, optional
+        Columns of the turned grid to look.
     method : {"auto", "tree", "march"}
         The tree knows no `reach`: it gives way to blocks where one is set, or a line has more than `tree.MOST` samples.
 
@@ -258,7 +259,8 @@ def local_horizons(d, heights, curve: float = 0.0, reach: int | None = None, met
     first = first_line(d.slope, shape[1])
     how = EVERY if method == "march" else _best(shape[1], reach)
     counts, sums = _room(*shape, first)
-    far, bend, budget = shape[1] if reach is None else reach, curve * d.step**2, BUDGET
+    far = shape[1] if reach is None else int(min(reach + NEARBY, shape[1]))
+    bend, budget = curve * d.step**2, BUDGET
     while True:
         found = _panels(laid, d.slope, first, bend, far, how, budget, nb.get_num_threads(), counts, sums)
         if found[3].min() >= 0:

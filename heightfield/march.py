@@ -140,15 +140,17 @@ def crossed(edges, receivers: tuple[int, int], rows: int, columns: int) -> int:
     return int((np.maximum(below, 0).astype(np.int64) * np.maximum(right, 0)).sum())
 
 
-def naive(d, shape: tuple[int, int], reach: int | None = None) -> int:
+def naive(d, shape: tuple[int, int], reach: float | None = None) -> int:
     """Count what the naive method looks at in one direction, from every point of a turned grid."""
-    columns = shape[1] - 1 if reach is None else min(reach, shape[1] - 1)
-    return crossed(edges(d, columns)[0], shape, *shape) if columns > 0 else 0
+    return crossed(edges(d, shape[1] - 1, reach)[0], shape, *shape)
 
 
-def edges(d, columns):
-    """Return the crossings of the rays from grid points, as `faces.Ray` has them: edges, weight, distance."""
-    offset, weight, distance = crossings(d.slope, d.diagonal, columns)
+def edges(d, columns: int, reach: float | None = None):
+    """Return the crossings of the rays from grid points, as `faces.Ray` has them: edges, weight, distance.
+
+    They go on for ``columns`` columns, or to ``reach`` columns if that is nearer.
+    """
+    offset, weight, distance = crossings(d.slope, d.diagonal, float(columns if reach is None else min(reach, columns)))
     edges = np.zeros((len(offset), 6), dtype=np.int32)
     edges[:, [1, 2, 4, 5]] = offset
     return edges, weight, distance
@@ -162,7 +164,7 @@ def padded(heights: np.ndarray) -> np.ndarray:
     return out
 
 
-def horizons(heights, d, curve: float = 0.0, reach: int | None = None, tally=None) -> np.ndarray:
+def horizons(heights, d, curve: float = 0.0, reach: float | None = None, tally=None) -> np.ndarray:
     """Tangent of the horizon of every grid point along +x, by marching.
 
     Parameters
@@ -172,8 +174,8 @@ def horizons(heights, d, curve: float = 0.0, reach: int | None = None, tally=Non
     d : sweep.Direction
     curve : float
         Drop of the Earth's surface over squared distance, 1/m.
-    reach : int, optional
-        Columns to look at; all of them by default.
+    reach : float, optional
+        Columns to look; to the border by default.
     tally : list of int, optional
         What was looked at is appended.
 
@@ -183,10 +185,10 @@ def horizons(heights, d, curve: float = 0.0, reach: int | None = None, tally=Non
         −inf where nothing of the field lies in the direction.
     """
     heights = np.ascontiguousarray(heights, dtype=np.float32)
-    columns = heights.shape[1] - 1 if reach is None else min(reach, heights.shape[1] - 1)
+    ahead = edges(d, heights.shape[1] - 1, reach)
     out = np.full(heights.shape, -np.inf, dtype=np.float32)
-    if columns > 0:
-        looked = steepest(padded(heights)[None], heights, *edges(d, columns), d.step, curve, out)
+    if len(ahead[0]):
+        looked = steepest(padded(heights)[None], heights, *ahead, d.step, curve, out)
         if tally is not None:
             tally.append(looked)
     return out

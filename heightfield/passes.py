@@ -89,7 +89,12 @@ class Passes:
 
     def __init__(self, field, n, s: int, tolerance: float, sparse: int = 1):
         self.field, self.n, self.s, self.tolerance, self.sparse = field, n, s, tolerance, sparse
-        self.fine = refine(field._turned, s)
+        # In units of about a cell, whatever its size, float32 holds every number; powers of two change no digit
+        unit = 2.0 ** np.floor(np.log2(min(field.spacing)))
+        self.spacing = field.spacing[0] / unit, field.spacing[1] / unit
+        self.radius, self.curve = np.inf if field.radius is None else field.radius / unit, field.curve * unit
+        self.heights = (field._turned / unit).astype(np.float32)
+        self.fine = refine(self.heights, s)
 
     def gathered(self, to_corners: bool, azimuths, radiance=None, tables=None, step=None) -> np.ndarray:
         """Irradiance over all directions.
@@ -115,7 +120,7 @@ class Passes:
         each = (len(MEETING), *self.fine.shape) if to_corners else self.field.heights.shape
         out = np.zeros((channels, *each), dtype=np.float32)
         width, tables = 2 * np.pi / len(azimuths), [None] * len(azimuths) if tables is None else tables
-        directions = ((az, direction(az, self.field.spacing), table) for az, table in zip(azimuths, tables, strict=True))
+        directions = ((az, direction(az, self.spacing), table) for az, table in zip(azimuths, tables, strict=True))
         done, served = 0, np.zeros((1, *each[-2:]), dtype=np.float32)
         for _, some in itertools.groupby(directions, lambda v: (v[1].transpose, v[1].flip_rows, v[1].flip_columns)):
             # Directions of an eighth of the circle see the field alike
@@ -149,7 +154,7 @@ class Passes:
 
     def shadow(self, azimuth: float, elevation: float, radius: float) -> np.ndarray:
         """Share of the sun's disk that triangles see, straight over each, at their corners: (2, 3, ...) float32."""
-        d, s, parts = direction(azimuth, self.field.spacing), self.s, -(-PARTS // self.s)
+        d, s, parts = direction(azimuth, self.spacing), self.s, -(-PARTS // self.s)
         laid, out = self._laid(d), np.zeros((2, 3, *(size - 1 for size in self.fine.shape)), np.float32)
         tops = self._stretches(laid, d)
         for kind in (0, 1):
@@ -179,16 +184,14 @@ class Passes:
 
     def _sides(self, d: Direction, shape, tops, r: Receivers, image=None, busy=None):
         # Yield what rays meet and, if the radiance's shape is given, what is shown there; its share; and what to count
-        reach = self.field._reach(d)
-        columns, stride = shape[1] - 1, shape[2]
-        columns = columns if reach is None else min(reach, columns)
-        if columns <= 0:
-            return
+        stride, columns = shape[2], float(min(shape[1] - 1, self.radius / d.step))
         # A ray along edges has a triangle on its left and another on its right: half of each
         sides = (-1, 1) if image is not None and along_edge(d, self.s * r.y, self.s * r.x) else (1,)
         for side in sides:
             seen = ray(d, columns, self.s, r.y, r.x, side)
-            way = skip.way(shape, tops, d, self.field.curve, seen.edges, seen.weight, seen.distance, r.y, r.x)
+            if not len(seen.edges):
+                return
+            way = skip.way(shape, tops, d, self.curve, seen.edges, seen.weight, seen.distance, r.y, r.x)
             shown = None
             if image is not None:
                 # Radiance has a row before the first
@@ -217,11 +220,11 @@ class Passes:
 
     def _receivers(self, d, to_corners):
         if not to_corners:
-            own, n = packed(d.lay(self.field._turned.astype(np.float32))), np.stack([packed(d.lay(c)) for c in self.n])
+            own, n = packed(d.lay(self.heights)), np.stack([packed(d.lay(c)) for c in self.n])
             return [Receivers(_padded(own), own.shape[1], normals=_padded(n, 1.0))]
         s, found = self.s, []
         for p, h in enumerate(planes(d.lay(self.fine.astype(np.float32)), s)):
-            meeting = facets(d, s, p, self.field.spacing)
+            meeting = facets(d, s, p, self.spacing)
             found.append(Receivers(_padded(h), h.shape[1], p % s / s, p // s / s, facets=meeting))
         return found
 

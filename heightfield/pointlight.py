@@ -74,7 +74,7 @@ def _gather(heights, places, nz, a, south, east, limit, curve, radiance, horizon
         seen = _weight(best, nz[p], a[p])
         while True:
             t = min(tr, tc, td)
-            if not t < limit or hopeless(top, eye, t, best):
+            if not t <= limit * (1 + 1e-12) or hopeless(top, eye, t, best):
                 break
             row, column = y + t * south, x + t * east
             if row < -1e-9 or column < -1e-9 or row > rows - 1 + 1e-9 or column > columns - 1 + 1e-9:

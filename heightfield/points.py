@@ -73,7 +73,7 @@ def steepest(heights, top, y, x, eye, south, east, limit, curve):
     south, east : float
         Rows and columns per metre.
     limit : float
-        Metres to look, excluded.
+        Metres to look.
     curve : float
         A point at distance ``d`` metres lies ``curve · d²`` lower.
 
@@ -93,7 +93,7 @@ def steepest(heights, top, y, x, eye, south, east, limit, curve):
     best, looked = -np.inf, 0
     while True:
         t = min(tr, tc, td)
-        if not t < limit or hopeless(top, eye, t, best):
+        if not t <= limit * (1 + 1e-12) or hopeless(top, eye, t, best):
             return best, looked
         row, column = y + t * south, x + t * east
         if row < -1e-9 or column < -1e-9 or row > rows - 1 + 1e-9 or column > columns - 1 + 1e-9:
@@ -132,7 +132,7 @@ def _lit(heights, places, x0, y0, z0, dy, dx, curve, out):
         y, x, z = places[p]
         east, south, up = x0 - x * dx, y0 - y * dy, z0 - z
         d = np.hypot(east, south)
-        if d < 1e-9:
+        if d < 1e-9 * min(dy, dx):
             out[p] = up > 0
             continue
         rise, _ = steepest(heights, top, y, x, z, south / d / dy, east / d / dx, d * (1 - 1e-9), curve)

@@ -152,14 +152,14 @@ def way(shape, tops, d, curve: float, edges, weight, distance, y: float = 0.0, x
     curve : float
         Drop of the Earth's surface over squared distance, 1/m.
     edges, weight, distance
-        Crossings, as `faces.Ray` has them, at least one column of them.
+        Crossings, as `faces.Ray` has them, at least one.
     y, x : float
         Row and column of the receivers in their cells.
     """
     size, stride = shape[1] * shape[2], shape[2]
     first, second = (edges[:, e].astype(np.int64) @ [size, 1, stride] for e in (slice(0, 3), slice(3, 6)))
     first, second, weight = _from_nearer(first, second, weight)
-    k = np.arange(int(np.ceil(distance[-1] + x)) + 3 if len(distance) else 3)
+    k = np.arange(int(np.ceil(distance[-1] + x)) + 3)
     metres = np.maximum(k - x, 1e-3) * d.step
     upto = np.searchsorted(distance, k - x + march.NEARBY, side="right")
     down = np.floor(y + d.slope * (k - x) + march.NEARBY).astype(np.int64)
@@ -312,7 +312,7 @@ def lay(heights, d) -> np.ndarray:
     return planes(d.lay(heights), 1, march.ABYSS)
 
 
-def horizons(laid, d, curve: float = 0.0, reach: int | None = None, tally=None) -> np.ndarray:
+def horizons(laid, d, curve: float = 0.0, reach: float | None = None, tally=None) -> np.ndarray:
     """Tangent of the horizon of every grid point.
 
     Parameters
@@ -328,11 +328,11 @@ def horizons(laid, d, curve: float = 0.0, reach: int | None = None, tally=None) 
         Laid as the field is; −inf where nothing of it lies in the direction.
     """
     columns, rows = laid.shape[1], laid.shape[2] - march.BLOCK
-    reach = columns - 1 if reach is None else min(reach, columns - 1)
+    ahead = march.edges(d, columns - 1, reach)
     out = np.full(laid.shape[1:], -np.inf, np.float32)
     out[:, rows:] = np.inf
-    if reach > 0:
-        looked = steepest(laid, way(laid.shape, stretches(laid, d), d, curve, *march.edges(d, reach)), laid[0], out, rows)
+    if len(ahead[0]):
+        looked = steepest(laid, way(laid.shape, stretches(laid, d), d, curve, *ahead), laid[0], out, rows)
         if tally is not None:
             tally.append(looked)
     return out[:, :rows]

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from ..errors import InputError
-from .check import grid, known, number, spacing_of
+from .check import FARTHEST, grid, known, number, spacing_of
 from .field import HeightField
 
 
@@ -53,14 +53,14 @@ def tiles(heights, spacing=1.0, *, radius: float, size: int = 2048, bounces: int
     ...     out[window] = field.sky_view(72)[inner]
     """
     dy, dx = spacing_of(spacing)
-    radius, size = number("radius", radius, 0.0, open_low=True), int(number("size", size, 1, whole=True))
+    radius, size = number("radius", radius, 0.0, FARTHEST, open_low=True), int(number("size", size, 1, whole=True))
     if not hasattr(heights, "shape"):
         heights = grid("heights", heights)
     bounces, shape = int(number("bounces", bounces, 0, 1000, whole=True)), heights.shape
     if len(shape) != 2 or 0 in shape:
         raise InputError(f"'heights' must be a two-dimensional array of rows and columns (got shape {shape})")
     # One sample more than the radius: rays cross cells, and normals take differences
-    halo, some = [(int(np.ceil(radius / step)) + 2) * (bounces + 1) for step in (dy, dx)], False
+    halo, some = [(int(min(np.ceil(radius / step), max(shape))) + 2) * (bounces + 1) for step in (dy, dx)], False
     for top in range(0, shape[0], size):
         for left in range(0, shape[1], size):
             window, outer, inner = [], [], []

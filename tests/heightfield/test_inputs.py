@@ -35,18 +35,25 @@ def test_thin_fields(shape):
     results(np.random.default_rng(0).normal(size=shape))
 
 
-@pytest.mark.parametrize("spacing", [1e-3, 1e4, (1e-3, 1e4), (1e4, 1e-3), (1, 7.3)])
+@pytest.mark.parametrize("spacing", [1e-12, 1e-3, 1e4, 1e9, (1e-3, 1e4), (1e4, 1e-3), (1, 7.3)])
 def test_spacings(spacing):
     results(make("fractal", 24), spacing)
 
 
-def test_shape_matters_and_size_does_not():
-    """Heights and spacing scaled alike give the same angles."""
+@pytest.mark.parametrize("scale", [1e-12, 1e-6, 1e-3, 1e4, 5e8])
+def test_shape_matters_and_size_does_not(scale):
+    """Heights and spacing scaled alike give the same angles and the same light, on the grid and at points."""
     h = make("fractal", 32)
-    a = HeightField(h, (1.0, 2.0)).horizons(7, method="march")
-    for scale in (1e-3, 1e4):
-        b = HeightField(h * scale, (scale, 2 * scale)).horizons(7, method="march")
-        np.testing.assert_allclose(a, b, atol=2e-5)
+    a, b = HeightField(h, (1.0, 2.0)), HeightField(h * scale, (scale, 2 * scale))
+    points = [[0.5, 0.25], [20.0, 30.75]]
+    np.testing.assert_allclose(b.horizons(7, method="march"), a.horizons(7, method="march"), atol=2e-5)
+    np.testing.assert_allclose(b.horizons(7, points=points), a.horizons(7, points=points), atol=1e-6)
+    light = {"sky": 0.3, "sun": (1.0, 0.5, 2.0), "albedo": 0.5, "azimuths": 16}
+    np.testing.assert_allclose(b.irradiance(**light), a.irradiance(**light), rtol=2e-4)
+    np.testing.assert_allclose(b.irradiance(**light, points=points), a.irradiance(**light, points=points), rtol=2e-4)
+    lamp = np.array([20.0, -20.0, h.max() + 9.0, 100.0])
+    e, f = (x.irradiance(0.0, lamps=[lamp * s], azimuths=8) for x, s in ((a, [1, 1, 1, 1]), (b, [scale] * 3 + [scale**2])))
+    np.testing.assert_allclose(f, e, rtol=2e-4, atol=1e-6)
 
 
 def test_fine_cells_at_8000_metres_lose_nothing():

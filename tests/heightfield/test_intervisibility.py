@@ -128,10 +128,11 @@ def test_methods_agree_in_every_direction(azimuth, curve):
 def test_reach_cuts_lines_short():
     h = np.random.default_rng(4).normal(size=(3, 80)).astype(np.float32)
     d = direction(np.pi / 2, (1, 1))
-    offsets, distances, *_ = iv.local_horizons(d, h, reach=21)
-    for j in range(80):
-        expected = brute_force(h[0, j : j + 22])[0][0]
-        assert distances[offsets[j] : offsets[j + 1]].tolist() == expected
+    for reach in (21, 0.3, 0.3 / 0.1, 5.9):
+        offsets, distances, *_ = iv.local_horizons(d, h, reach=reach)
+        for j in range(80):
+            expected = brute_force(h[0, j : j + 1 + round(reach - 0.49)])[0][0]
+            assert distances[offsets[j] : offsets[j + 1]].tolist() == expected
 
 
 def test_curvature_lowers_the_far_end():

@@ -24,6 +24,28 @@ def test_points_see_what_sweeps_see(field):
     np.testing.assert_allclose(view, field.sky_view(16, method="march"), atol=1e-6)
 
 
+@pytest.mark.parametrize("spacing", [(1.0, 1.3), (0.1, 0.1)])
+@pytest.mark.parametrize("radius", [0.05, 0.3, 0.5, 1.0, 2**0.5, 3.3, 1e30])
+def test_points_look_as_far_as_sweeps(spacing, radius):
+    """To the radius, exactly, and what is just so far away is seen: 0.3 / 0.1 is less than 3 in floating point."""
+    field = HeightField(make("fractal", 24, seed=2), spacing, radius=radius)
+    everywhere = np.ones(field.heights.shape, dtype=bool)
+    azimuths = np.array([0.0, 0.3, np.pi / 4, np.pi / 2, 2.2, 5.9])
+    at_points = field.horizons(azimuths, points=everywhere).reshape(len(azimuths), *field.heights.shape)
+    for method in ("auto", "march"):
+        np.testing.assert_allclose(field.horizons(azimuths, method=method), at_points, atol=1e-5)
+    light = {"sky": 0.2, "emission": 1.0, "bounces": 1, "azimuths": 12}
+    e = field.irradiance(**light, points=everywhere)
+    np.testing.assert_allclose(field.irradiance(**light).reshape(e.shape), e, rtol=1e-5)
+
+
+def test_a_step_is_seen_from_just_as_far_as_the_radius():
+    h = np.zeros((1, 8))
+    h[0, 7] = 1.0
+    found = HeightField(h, 0.1, radius=0.3).horizons([np.pi / 2])[0, 0]
+    np.testing.assert_allclose(found[:7], [0, 0, 0, 0, np.arctan(1 / 0.3), np.arctan(5), np.arctan(10)], atol=1e-6)
+
+
 def test_points_between_samples_of_a_ramp():
     """On a ramp that rises 1 : 4 to the east the horizon is its slope from anywhere."""
     ramp = HeightField(np.tile(np.arange(20.0), (20, 1)), spacing=4.0)
