@@ -22,7 +22,9 @@ from . import march
 
 NEAR = 16  # columns marched exactly
 LINES = 3  # shared lines a row, beyond
-LONGEST = 1 << 15  # columns; a lane's hull lives on the thread's stack
+BESIDE = 1e-4  # columns; a crossing that near to a sample of the line is none of its own
+LEVEL, FAR = 1e-30, 1e9  # rows a column; columns
+LONGEST = 1 << 14  # columns; a lane's hull lives on the thread's stack
 
 
 @functools.cache
@@ -42,21 +44,22 @@ def _locate(heights, where, looked, rows, columns, slope, bend, diagonal, shared
     b = Float64(first) + Float64(dr.arange(Int32, per_row * shared)) / shared
     half = 0.5 / shared
     # Columns over which the line lies on the field
-    x0 = dr.maximum(0, Int32(dr.ceil((-half - b) / slope - 1e-9)))
-    x1 = dr.minimum(columns - 1, Int32(dr.floor((Float64(rows - 1) - b) / slope + 1e-9)))
-    level = slope == 0
-    x0 = dr.select(level, 0, x0)
-    x1 = dr.select(level, dr.select((b > rows - 1 + half) | (b < -half), -1, columns - 1), x1)
+    steep, above = dr.maximum(slope, LEVEL), Float64(rows - 1) - b
+    x0 = Int32(dr.clip(dr.ceil((-half - b) / steep - 1e-9), 0, FAR))
+    x1 = dr.minimum(columns - 1, Int32(dr.clip(dr.floor((above + march.NEARBY) / steep), -1, FAR)))
+    # Between two columns it may end on the last row
+    leave = above / steep
+    end = dr.select((x1 >= 0) & (x1 < columns - 1) & (leave > Float64(x1) + 1e-9), x1 + 1, x1)
     px, ph = dr.alloc_local(Float, depth), dr.alloc_local(Float, depth)
     # Of full width from the start: loops keep no lane apart in what begins as one number
     x, slope32 = Int32(x1), Float(slope)
     n, steps = 0 * x, UInt32(0 * x)
     # The two nearest corners of the hull, t before u, are kept at hand
-    tx, th, ux, uh, beyond = (Float(n) for _ in range(5))
+    tx, th, ux, uh, beyond, ahead = (Float(n) for _ in range(6))
     while dr.hint(x >= x0, mode="symbolic"):
         # Push the line's sample `near` columns ahead, and drop what it and the corner below it overtop
         c = x + near
-        new = c <= x1
+        new, last = c <= end, c > x1
         y = dr.clip(b + slope * Float64(c), 0, Float64(rows - 1))
         r = Int32(y)
         f = Float(y - Float64(r))
@@ -64,36 +67,46 @@ def _locate(heights, where, looked, rows, columns, slope, bend, diagonal, shared
         between = new & (r + 1 < rows)
         g = dr.gather(Float, heights, (r + 1) * columns + c, between)
         edge = dr.select(between, h + f * (g - h), h)
-        # Where the next cell's diagonal rises above the straight way through it, that crossing stands for the sample
-        between &= c < x1
-        across = dr.gather(Float, heights, (r + 1) * columns + c + 1, between)
+        # On the last row, where it ends
+        before = dr.gather(Float, heights, r * columns + c - 1, new & last)
+        part = Float(leave - Float64(c - 1))
+        edge = dr.select(last, before + part * (h - before), edge)
+        at = Float(c) + dr.select(last, part - 1, 0)
+        # The next cell's diagonal, or row: whichever rises more above the straight way through the cell comes first
+        inner = between & (c < end)
+        across = dr.gather(Float, heights, (r + 1) * columns + c + 1, inner)
         if dr.hint(diagonal, mode="scalar"):
             t = f / (1 - slope32)
             ridge = h + t * (across - h)
         else:
             t = (1 - f) / (1 + slope32)
-            other = dr.gather(Float, heights, r * columns + c + 1, between)
+            other = dr.gather(Float, heights, r * columns + c + 1, inner)
             ridge = g + t * (other - g)
-        rises = between & (t > 0) & (t < 1) & (ridge > edge + t * (beyond - edge))
-        beyond = dr.select(new, edge, beyond)
-        cf = Float(c) + dr.select(rises, t, 0)
-        # A parabola for the Earth's curvature: one for the whole line keeps the order of slopes at every receiver
-        h = dr.select(rises, ridge, edge) - bend * cf * cf
-        drop = new & (n >= 2)
-        while dr.hint(drop, mode="symbolic"):
-            drop &= ~((th - h) * (ux - cf) > (uh - h) * (tx - cf))
-            n = dr.select(drop, n - 1, n)
-            tx, th = dr.select(drop, ux, tx), dr.select(drop, uh, th)
-            drop &= n >= 2
-            q = UInt32(n - 2)
-            ux, uh = dr.select(drop, px.read(q, drop), ux), dr.select(drop, ph.read(q, drop), uh)
-            steps += 1
-        px.write(cf, UInt32(n), new)
-        ph.write(h, UInt32(n), new)
-        ux, uh = dr.select(new, tx, ux), dr.select(new, th, uh)
-        tx, th = dr.select(new, cf, tx), dr.select(new, h, th)
-        n = dr.select(new, n + 1, n)
-        steps += dr.select(new, UInt32(1), UInt32(0))
+        chord = (beyond - edge) / (ahead - at)
+        over = dr.select(inner & (t > BESIDE) & (t < 1 - BESIDE), ridge - (edge + t * chord), 0)
+        t_row = (1 - f) / slope32
+        row = g + t_row * (across - g)
+        higher = inner & (t_row > BESIDE) & (t_row < 1 - BESIDE) & (row - (edge + t_row * chord) > dr.maximum(over, 0))
+        crossing = Float(c) + dr.select(higher, t_row, t), dr.select(higher, row, ridge), higher | (over > 0)
+        beyond, ahead = dr.select(new, edge, beyond), dr.select(new, at, ahead)
+        for cf, h, push in (crossing, (at, edge, new)):
+            # A parabola for the Earth's curvature: one for the whole line keeps the order of slopes at every receiver
+            h -= bend * cf * cf
+            drop = push & (n >= 2)
+            while dr.hint(drop, mode="symbolic"):
+                drop &= ~((th - h) * (ux - cf) > (uh - h) * (tx - cf))
+                n = dr.select(drop, n - 1, n)
+                tx, th = dr.select(drop, ux, tx), dr.select(drop, uh, th)
+                drop &= n >= 2
+                q = UInt32(n - 2)
+                ux, uh = dr.select(drop, px.read(q, drop), ux), dr.select(drop, ph.read(q, drop), uh)
+                steps += 1
+            px.write(cf, UInt32(n), push)
+            ph.write(h, UInt32(n), push)
+            ux, uh = dr.select(push, tx, ux), dr.select(push, th, uh)
+            tx, th = dr.select(push, cf, tx), dr.select(push, h, th)
+            n = dr.select(push, n + 1, n)
+            steps += dr.select(push, UInt32(1), UInt32(0))
 
         # The receiver in this column whose nearest line this is: slopes along the hull rise, then fall
         y = b + slope * Float64(x)
@@ -140,7 +153,7 @@ def _cell(heights, i, j, h0, k, slope, bend, rows, columns, diagonal, active):
 
     best = Float(-dr.inf)
     a, b = height(0, on), height(columns, below)
-    best = dr.select(below, rise(a, b, f, kf), dr.select(on & (f == 0), rise(a, a, 0, kf), -dr.inf))
+    best = dr.select(below, rise(a, b, f, kf), dr.select(on & (f < march.NEARBY), rise(a, a, 0, kf), -dr.inf))
     inner = below & (x + 1 < columns)
     d = height(columns + 1, inner)
     climbs = f + slope > 1
@@ -196,7 +209,8 @@ def horizons(heights, d, curve: float = 0.0, near: int = NEAR, lines: int = LINE
     rows, columns, near = (dr.opaque(Int32, v) for v in (*shape, near))
     slope, bend, step = dr.opaque(Float64, d.slope), dr.opaque(Float, curve * d.step**2), dr.opaque(Float, d.step)
     dr.eval(field, where, looked, rows, columns, near, slope, bend, step)
-    depth = 1 << (shape[1] - 1).bit_length()
+    # Two corners a column at most
+    depth = 2 << (shape[1] - 1).bit_length()
     with interrupts():
         _locate(
             field,
@@ -222,7 +236,9 @@ def horizons(heights, d, curve: float = 0.0, near: int = NEAR, lines: int = LINE
     index = dr.arange(Int32, heights.size)
     i = Int32((Float64(index) + 0.5) * dr.opaque(Float64, 1 / shape[1]))
     j = index - i * columns
-    k, slope = where - j, Float(slope)
+    # The line may leave the field later than the receiver's ray
+    last = Int32(dr.minimum((Float64(rows - 1 - i) + march.NEARBY) / dr.maximum(slope, LEVEL), FAR))
+    k, slope = dr.minimum(where - j, last), Float(slope)
     found = where >= 0
     h = dr.gather(Float, field, index)
     rise = [_cell(field, i, j, h, k + o, slope, bend, rows, columns, d.diagonal, found & (k + o >= near)) for o in (-1, 0, 1)]
