@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import difflib
 import re
+import signal
+import threading
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 
@@ -78,6 +80,32 @@ def mitsuba_errors(prefix: str = "") -> Iterator[None]:
         raise
     except Exception as error:
         raise InputError(prefix + one_sentence(error)) from error
+
+
+@contextmanager
+def finishing() -> Iterator[list]:
+    """Hold back one interruption until the block is done, so that what has been computed is written; a second one counts.
+
+    Yields
+    ------
+    list
+        Not empty once one has come.
+    """
+    came: list = []
+    if threading.current_thread() is not threading.main_thread():
+        # Signals reach the main thread alone
+        yield came
+        return
+
+    def note(number, _):
+        came.append(number)
+        signal.signal(signal.SIGINT, before)
+
+    before = signal.signal(signal.SIGINT, note)
+    try:
+        yield came
+    finally:
+        signal.signal(signal.SIGINT, before)
 
 
 @contextmanager

@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import io
 import os
+import sys
 import tempfile
+import threading
 import warnings
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager, redirect_stdout, suppress
 from pathlib import Path
 
 import numpy as np
@@ -97,11 +101,12 @@ def read_exr(path: str | os.PathLike) -> tuple[dict[str, np.ndarray], dict[str, 
     if not OpenEXR.isOpenExrFile(str(path)):
         raise InputError(f"{path}: not an OpenEXR file")
     try:
-        with OpenEXR.File(str(path), separate_channels=True) as file:
+        with _silence(), OpenEXR.File(str(path), separate_channels=True) as file:
             planes = {k: np.array(c.pixels, dtype=np.float32) for k, c in file.channels().items()}
             attributes = dict(file.header())
     except (RuntimeError, TypeError, ValueError) as error:
-        raise InputError(f"{path}: cannot be read as a flat OpenEXR ({error})") from error
+        what = "it is damaged or cut short" if "has 0 parts" in str(error) else error
+        raise InputError(f"{path}: cannot be read as a flat OpenEXR ({what})") from error
 
     # Channels of one colour belong together; the file keeps them in alphabetical order.
     layers: dict[str, np.ndarray] = {}
@@ -113,6 +118,21 @@ def read_exr(path: str | os.PathLike) -> tuple[dict[str, np.ndarray], dict[str, 
         else:
             layers[name] = planes[name]
     return layers, {k: _plain(v) for k, v in attributes.items() if k not in _STANDARD}
+
+
+@contextmanager
+def _silence() -> Iterator[None]:
+    """Drop what OpenEXR prints about damaged files, from C++ and from Python, beside what it raises."""
+    sys.stderr.flush()
+    kept, null = os.dup(2), os.open(os.devnull, os.O_WRONLY)
+    try:
+        os.dup2(null, 2)
+        with redirect_stdout(io.StringIO()):
+            yield
+    finally:
+        os.dup2(kept, 2)
+        os.close(kept)
+        os.close(null)
 
 
 def write_png(path: str | os.PathLike, rgb: np.ndarray) -> None:
@@ -157,7 +177,14 @@ def check_writable(path: str | os.PathLike, suffix: str) -> Path:
     target = Path(path)
     if target.suffix.lower() != suffix:
         raise InputError(f"'output' must end in {suffix} (got {target})")
-    if target.is_dir():
+    try:
+        folder = target.is_dir()
+        # Names that are too long are noticed only when they are looked for
+        with suppress(FileNotFoundError, NotADirectoryError):
+            target.lstat()
+    except OSError as error:
+        raise InputError(f"cannot write {target}: {error.strerror}") from error
+    if folder:
         raise InputError(f"'output' must be a file (got the folder {target})")
     # Permission bits say too little (read-only mounts, the superuser): try it.
     try:
@@ -171,7 +198,8 @@ def check_writable(path: str | os.PathLike, suffix: str) -> Path:
 def _write_whole(path: str | os.PathLike, write: Callable[[str], None]) -> None:
     """Call `write` with a temporary name beside `path`, then rename: no half-written file is ever seen."""
     target = Path(path)
-    temporary = target.with_name(f".{target.stem}.{os.getpid()}.part{target.suffix}")
+    # Not longer than a name may be, whatever the file's
+    temporary = target.with_name(f".intervis.{os.getpid()}.{threading.get_ident()}.part{target.suffix}")
     try:
         write(str(temporary))
         os.replace(temporary, target)

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from .errors import InputError, mitsuba_errors
+from .errors import InputError, finishing, mitsuba_errors
 from .images import check_writable, write_exr, write_png
 from .inputs import check_scene, load_integrator, load_scene, parse_settings, set_variant
 from .maps import class_colours, heat
@@ -21,7 +21,7 @@ from .report import Report
 
 
 def command(options: argparse.Namespace, line: str) -> int:
-    """Render what the options say, write the files, print the report and return 0.
+    """Render what the options say, write the files, print the report and return 0; 130 if interrupted meanwhile.
 
     Raises
     ------
@@ -50,12 +50,13 @@ def command(options: argparse.Namespace, line: str) -> int:
         layers, report = render_layers(scene, integrator, options.spp or 0, options.seed)
 
     header = _header(report, line, options, scene)
-    write_exr(output, layers, header)
-    if options.png:
-        write_previews(output, layers)
+    with finishing() as interrupted:
+        write_exr(output, layers, header)
+        if options.png:
+            write_previews(output, layers)
     print(report)
     print(f"{'written':<10}{output}")
-    return 0
+    return 130 if interrupted else 0
 
 
 def render_layers(

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ..errors import InputError, interrupts
+from ..errors import InputError, finishing, interrupts
 from ..images import check_writable
 from ..report import Report
 from . import products as files
@@ -77,13 +77,14 @@ def run(options, line: str) -> int:
         report.notes.append("interrupted: what was finished has been written")
     spacing = spacing_of(settings.get("spacing", 1.0))
     header = {"command": line, "intervis": version("intervis"), "seconds": report.wall_s, "azimuths": options.azimuths}
-    files.write(output, done, azimuths_of(options.azimuths), header, spacing, georeference)
-    if preview:
-        files.write_preview(preview, done)
+    with finishing() as late:
+        files.write(output, done, azimuths_of(options.azimuths), header, spacing, georeference)
+        if preview:
+            files.write_preview(preview, done)
     print(report)
     for path in filter(None, (output, preview)):
         print(f"{'written':<10}{path}")
-    return 130 if interrupted else 0
+    return 130 if interrupted or late else 0
 
 
 def _product(field, name, options, sun, sky, progress, report, tally):
@@ -194,10 +195,11 @@ def _target(name, path, options, suffixes):
     suffix = path.suffix.lower()
     if suffix not in suffixes:
         raise InputError(f"'{name}' must end in {' or '.join(suffixes)} (got {path})")
+    check_writable(path, suffix)
     for source in (options.dem, options.sky):
         if path.exists() and Path(source).exists() and path.samefile(source):
             raise InputError(f"'{name}' must not be a file that is read (got {path}): choose another name")
-    return check_writable(path, suffix)
+    return path
 
 
 def _sun(text):

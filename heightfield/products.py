@@ -66,11 +66,17 @@ def write(path: Path, products: dict, azimuths: np.ndarray, header: dict, spacin
         arrays = {**products, "spacing": np.asarray(spacing)}
         if "horizons" in products:
             arrays["azimuths"] = np.asarray(azimuths)[: len(products["horizons"])]
-        _write_whole(path, lambda temporary: np.savez_compressed(temporary, **arrays))
+        _write_whole(path, lambda temporary: _archive(temporary, arrays))
     else:
         _write_whole(
             path, lambda temporary: _geotiff(temporary, layers_of(products, azimuths), header, spacing, georeference)
         )
+
+
+def _archive(path: str, arrays: dict[str, np.ndarray]) -> None:
+    # NumPy adds .npz to a name that ends in .NPZ, but not to a file
+    with open(path, "wb") as file:
+        np.savez_compressed(file, **arrays)
 
 
 def _geotiff(path: str, layers: dict[str, np.ndarray], header: dict, spacing, georeference) -> None:

@@ -1,7 +1,10 @@
+import os
+import signal
+
 import pytest
 
 from intervis import InputError
-from intervis.errors import mitsuba_errors, one_sentence, suggest
+from intervis.errors import finishing, mitsuba_errors, one_sentence, suggest
 
 
 @pytest.mark.parametrize(
@@ -61,6 +64,22 @@ def test_own_errors_and_interruptions_pass_through():
             raise KeyboardInterrupt
         except KeyboardInterrupt as error:
             raise RuntimeError("error (see above)") from error
+
+
+def test_one_interruption_waits_until_files_are_written():
+    done = []
+    with finishing() as came:
+        os.kill(os.getpid(), signal.SIGINT)
+        done.append("whole")
+    assert done == ["whole"] and came
+    with pytest.raises(KeyboardInterrupt), finishing():
+        os.kill(os.getpid(), signal.SIGINT)
+        os.kill(os.getpid(), signal.SIGINT)
+        done.append("more")
+    assert done == ["whole"]
+    # Afterwards the first counts again
+    with pytest.raises(KeyboardInterrupt):
+        os.kill(os.getpid(), signal.SIGINT)
 
 
 def test_suggestions():

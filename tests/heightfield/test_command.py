@@ -298,6 +298,8 @@ REFUSED = [
     (("dem.npz", "--sky", "sky.exr", "-o", "sky.exr"), "'output' must not be a file that is read"),
     (("dem.npz", "--preview", "p.jpg"), "'preview' must end in .png"),
     (("grey.png", "--preview", "grey.png"), "'preview' must not be a file that is read"),
+    (("dem.npz", "-o", "n" * 300 + ".exr"), "File name too long"),
+    (("dem.npz", "--preview", "n" * 300 + ".png"), "File name too long"),
     ((), "DEM"),
     (("dem.npz", "--colour", "red"), "--colour"),
 ]
@@ -378,6 +380,28 @@ def test_an_interruption_keeps_finished_directions(here, capsys, monkeypatch):
     assert "interrupted" in capsys.readouterr().out
     assert run(*words, "-o", "out.exr") == 130
     assert set(read_exr("out.exr")[0]) == {"skyview", "horizons.000.0", "horizons.060.0"}
+
+
+def test_an_interruption_while_files_are_written(here, capsys, monkeypatch):
+    """What has been computed is written, the picture too."""
+    dem()
+    real = command.files.write
+
+    def write(*what):
+        os.kill(os.getpid(), signal.SIGINT)
+        real(*what)
+
+    monkeypatch.setattr(command.files, "write", write)
+    assert run("dem.npz", "--products", "skyview", *LIGHT, "-o", "out.exr", "--preview", "p.png") == 130
+    assert "skyview" in read_exr("out.exr")[0] and (here / "p.png").exists()
+    assert "out.exr" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("name", ["OUT.NPZ", "OUT.EXR", "OUT.TIF", "n" * 250 + ".npz"])
+def test_names_in_capitals_and_as_long_as_they_may_be(here, name):
+    dem()
+    assert run("dem.npz", "--products", "skyview", *LIGHT, "-o", name) == 0
+    assert sorted(p.name for p in here.iterdir()) == sorted(["dem.npz", name])
 
 
 def test_an_interruption_inside_a_kernel(here, monkeypatch):
