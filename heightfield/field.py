@@ -125,8 +125,9 @@ class HeightField:
         method : {"auto", "tree", "march"}
             "march" looks at every edge that the ray crosses; "auto" steps over stretches too low to be seen (see `skip`),
             for large fields on a GPU where there is one (see `device`). Both are exact on the surface. "tree" finds where the
-            horizon is with hulls shared by neighbouring rays, then looks only there (see `hull`): on a GPU where there is
-            one; with ``radius`` it gives way to the march.
+            horizon is with hulls shared by neighbouring rays, then looks only there (see `hull`), on a GPU where there is
+            one. It never overrates a horizon, but may miss what is narrower than a cell; with ``radius``, or more than
+            16,384 samples a line, it gives way to the march.
         progress : callable, optional
             Called with (directions done, directions).
 
@@ -304,7 +305,10 @@ class HeightField:
         bounces, tolerance = int(number("bounces", bounces, 0, 1000, whole=True)), number("tolerance", tolerance, 0, 1)
         s = int(number("supersampling", supersampling, 1, 16, whole=True))
         k, progress = azimuths_of(azimuths), watcher(progress)
-        sparse = int(number("sparse", sparse, 1, max(len(k) // 16, 1), whole=True))
+        sparse = int(number("sparse", sparse, 1, whole=True))
+        if sparse > max(len(k) // 16, 1):
+            got = f"got {sparse} of {len(k)}"
+            raise InputError(f"'sparse' must be a 16th of the azimuths at most ({got}): take {16 * sparse} azimuths")
         if sparse > 1:
             k = np.sort(k)
         at = None if points is None else rays.positions(points, self.heights.shape)

@@ -50,8 +50,11 @@ def disk_share(horizon: np.ndarray, elevation: float, radius: float) -> np.ndarr
     return (np.arccos(x) - x * np.sqrt(1 - x * x)) / np.pi
 
 
-def channels_of(sky, sun, *values) -> int:
-    """Return how many channels the lights and the surface have; 1 and one other number may be mixed."""
+def channels_of(sky, sun, lamps, **values) -> int:
+    """Return how many channels the lights and the surface have; 1 and one other number may be mixed.
+
+    ``lamps`` are as `points.lamps_of` returns them, ``values`` the surface's by name.
+    """
     if sun is not None and (not listed(sun) or len(sun) not in (3, 4)):
         raise InputError(f"'sun' must be (azimuth, elevation, irradiance) or with a radius after that (got {shown(sun)})")
     if sun is not None:
@@ -59,22 +62,22 @@ def channels_of(sky, sun, *values) -> int:
         if strength.ndim > 1 or not strength.size:
             raise InputError(f"'sun irradiance' must be a number, or one a channel (got {shown(sun[2])})")
         positive("sun irradiance", strength)
-    found = {1}
-    for v in (*values, sky, sun[2] if sun is not None else 1.0):
-        if callable(v):
-            found.add(_called(v, np.zeros(1), np.ones(1)).shape[-1])
+    found = {}
+    for name, v in {"sky": sky, "sun": sun[2] if sun is not None else 1.0, **values}.items():
+        if callable(v) and name == "sky":
+            found[name] = _called(v, np.zeros(1), np.ones(1)).shape[-1]
         else:
-            shape = reals("sky', 'sun', 'albedo' and 'emission", v).shape
+            shape = reals(name, v).shape
             if 0 in shape:
-                raise InputError(f"'sky', 'sun', 'albedo' and 'emission' must not be empty (got shape {shape})")
+                raise InputError(f"'{name}' must not be empty (got shape {shape})")
             if len(shape) in (1, 3):
-                found.add(shape[-1])
-    found.discard(1)
-    if len(found) > 1:
-        raise InputError(
-            f"'sky', 'sun', 'albedo' and 'emission' must have equally many channels, or one (got {sorted(found)})"
-        )
-    return found.pop() if found else 1
+                found[name] = shape[-1]
+    found |= {f"lamps[{n}]": len(intensity) for n, (*_, intensity) in enumerate(lamps)}
+    found = {name: channels for name, channels in found.items() if channels > 1}
+    if len(set(found.values())) > 1:
+        names, got = ", ".join(f"'{name}'" for name in found), ", ".join(map(str, found.values()))
+        raise InputError(f"{names} must have equally many channels, or one (got {got})")
+    return next(iter(found.values()), 1)
 
 
 def image(name: str, value, shape: tuple[int, int], channels: int) -> np.ndarray:

@@ -252,8 +252,8 @@ def lamplight(heights, spacing, lamps, places, n: np.ndarray, channels: int, cur
     return total.astype(np.float32)
 
 
-def lamps_of(lamps, channels: int) -> list[tuple]:
-    """Return point lights checked: a list of (x, y, z, (channels,) intensity)."""
+def lamps_of(lamps) -> list[tuple]:
+    """Return point lights checked: a list of (x, y, z, intensity), that an array of one number or one a channel."""
     out = []
     if not listed(lamps):
         raise InputError(f"'lamps' must be a list of (x, y, z, intensity) (got {shown(lamps)})")
@@ -261,8 +261,8 @@ def lamps_of(lamps, channels: int) -> list[tuple]:
         if not listed(lamp) or len(lamp) != 4:
             raise InputError(f"'lamps' must be a list of (x, y, z, intensity) (got {shown(lamp)})")
         intensity = reals("lamps intensity", lamp[3]).ravel()
-        if len(intensity) not in (1, channels) or not ((intensity >= 0) & (intensity <= 1e30)).all():
-            raise InputError(f"'lamps' intensity must be finite, >= 0, one number or {channels} (got {shown(lamp[3])})")
+        if not len(intensity) or not ((intensity >= 0) & (intensity <= 1e30)).all():
+            raise InputError(f"'lamps' intensity must be finite, >= 0 and <= 1e+30 (got {shown(lamp[3])})")
         place = (number(f"lamps {c}", v, -UNKNOWN, UNKNOWN) for c, v in zip("xyz", lamp, strict=False))
-        out.append((*place, np.broadcast_to(intensity, channels)))
+        out.append((*place, intensity))
     return out

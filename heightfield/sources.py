@@ -57,6 +57,8 @@ def opened(path: Path):
         raise
     except Exception as e:
         first = (str(e).splitlines() or [type(e).__name__])[0]
+        if "Object arrays" in first or "Python objects" in first:
+            first = "it holds Python objects; save it as an array of numbers"
         raise InputError(f"'{path}' cannot be read as a height map: {first}") from e
 
 
@@ -94,13 +96,13 @@ def _npy(path):
 def _npz(path):
     _starts(path, b"PK")
     with np.load(path, allow_pickle=False) as data:
-        flat = [n for n in data if data[n].ndim == 2]
         name = next((n for n in ("heights", "elevation", "dem", "z") if n in data), None)
-        if name is None and len(flat) != 1:
+        flat = [name] if name else [n for n in data if data[n].ndim == 2]
+        if len(flat) != 1:
             got = ", ".join(data) or "nothing"
             raise InputError(f"'{path}' must hold a two-dimensional array called 'heights' (got {got})")
         found = {k: data[k].tolist() for k in ("spacing", "nodata") if k in data}
-        return data[name or flat[0]], found, None
+        return data[flat[0]], found, None
 
 
 def _exr(path):

@@ -126,6 +126,6 @@ def filled(values: np.ndarray, valid: np.ndarray, policy: str, spacing: tuple[fl
         nearest = distance_transform_edt(~valid, sampling=spacing, return_distances=False, return_indices=True)
         return values[tuple(nearest)]
     # Higher, or lower, than any line of sight between known points
-    steep = 1e3 * (extent + np.ptp(known))
+    steep = 1e6 * (extent + np.ptp(known))
     out[~valid] = known.max() + steep if policy == "block" else known.min() - steep
     return out

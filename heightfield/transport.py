@@ -37,12 +37,11 @@ def irradiance(
     (channels, rows, columns) or (channels, n) float32 array
     """
     parts = {"albedo": albedo, "emission": 0.0 if emission is None else emission}
-    lamps = () if lamps is None else lamps
-    channels = light.channels_of(sky, sun, *parts.values())
+    lamps = points.lamps_of(() if lamps is None else lamps)
+    channels = light.channels_of(sky, sun, lamps, **parts)
     albedo, emission = (light.image(n, v, field.heights.shape, channels) for n, v in parts.items())
     if albedo.max() > 1:
         raise InputError(f"'albedo' must be in [0, 1] (got {albedo.min():g} to {albedo.max():g})")
-    lamps = points.lamps_of(lamps, channels)
     n = normals(field.heights, field.spacing, field.valid).astype(np.float32)
     tables = [sky_table(c) for c in light.sky_columns(sky, azimuths, channels)]
     glows = bool((emission > 0).any())

@@ -270,7 +270,7 @@ BAD = {
     "none.npz": (lambda p: saved(p), "got nothing"),
     "lines.npz": (lambda p: saved(p, heights=HEIGHTS[0]), "two-dimensional"),
     "spacing.npz": (lambda p: saved(p, heights=HEIGHTS, spacing="wide"), "'spacing'"),
-    "objects.npz": (lambda p: saved(p, heights=np.array([[None]])), "cannot be read"),
+    "objects.npz": (lambda p: saved(p, heights=np.array([[None]])), "save it as an array of numbers"),
 }
 
 
@@ -290,6 +290,9 @@ def test_more_files_that_are_no_height_maps(tmp_path, capfd):
     np.save(tmp_path / "deep.npy", np.zeros((2, 3, 4)))
     with pytest.raises(InputError, match="two-dimensional"):
         HeightField.from_file(tmp_path / "deep.npy")
+    np.save(tmp_path / "objects.npy", np.array([[None]]))
+    with pytest.raises(InputError, match="save it as an array of numbers"):
+        HeightField.from_file(tmp_path / "objects.npy")
     np.save(tmp_path / "cut.npy", LARGE)
     with pytest.raises(InputError, match="cannot be read"):
         HeightField.from_file(cut(tmp_path / "cut.npy"))

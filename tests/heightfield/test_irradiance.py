@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from intervis.errors import InputError
 from intervis.heightfield import HeightField, make
 
 
@@ -43,6 +44,19 @@ def test_channels_are_independent():
     assert both.shape == (40, 40, 3)
     one = field.irradiance(sky=2.0, sun=(1.0, 0.6, 50.0), albedo=0.5, **kw)
     np.testing.assert_allclose(both[..., 1], one[..., 0], rtol=1e-5)
+
+
+def test_lamps_have_channels_too():
+    field = HeightField(make("fractal", 12))
+    lamp = 4.0, -4.0, 40.0
+    light = {"sky": 0.0, "bounces": 1, "azimuths": 8}
+    coloured = field.irradiance(lamps=[(*lamp, [10.0, 20.0, 5.0]), (*lamp, 1.0)], **light)
+    assert coloured.shape == (12, 12, 3)
+    np.testing.assert_allclose(coloured[..., 1], field.irradiance(lamps=[(*lamp, 21.0)], **light)[..., 0], rtol=1e-5)
+    with pytest.raises(InputError, match=r"^'sky', 'lamps\[1\]' must .* \(got 3, 2\)$"):
+        field.irradiance([1.0, 2.0, 3.0], lamps=[(*lamp, 1.0), (*lamp, [1.0, 2.0])])
+    with pytest.raises(InputError, match="'albedo' must hold real numbers"):
+        field.irradiance(albedo=None)
 
 
 def test_the_sun_on_a_plane():

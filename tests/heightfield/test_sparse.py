@@ -50,3 +50,5 @@ def test_every_point_is_served(shape):
 def test_refused(sparse):
     with pytest.raises(InputError, match="'sparse'"):
         HeightField(np.zeros((4, 4))).irradiance(azimuths=64, sparse=sparse)
+    with pytest.raises(InputError, match=r"\(got 2 of 8\): take 32"):
+        HeightField(np.zeros((4, 4))).irradiance(azimuths=8, sparse=2)
