@@ -126,8 +126,10 @@ class Totals:
 
     def __init__(self, frame, film, pilot, decision, guided: bool):
         self.frame, self.film, self.pilot, self.decision = frame, film, pilot, decision
-        zeros = lambda n: [dr.zeros(mi.Float, frame.pixels) for _ in range(n)]  # noqa: E731
-        self.first, self.second, self.bright, self.straight, self.alpha = zeros(3), zeros(3), zeros(3), zeros(3), zeros(1)
+        # Of each half of a pixel's hits, side by side
+        zeros = lambda n: [dr.zeros(mi.Float, 2 * frame.pixels) for _ in range(n)]  # noqa: E731
+        self.colour, self.bright, self.straight = zeros(3), zeros(3), zeros(3)
+        self.alpha = [dr.zeros(mi.Float, frame.pixels)]
         self.guided, self.alpha_wanted = guided, bool(mi.has_flag(film.flags(), mi.FilmFlags.Alpha))
         self.traced, self.spared, self.reflected = (dr.zeros(mi.UInt32, frame.pixels) for _ in range(3))
         self.plain = film.rfilter().is_box_filter() and not mi.has_flag(film.flags(), mi.FilmFlags.Special)
@@ -143,13 +145,16 @@ class Totals:
 
     def double(self, grow) -> None:
         """Make room for as many hits again where ``grow``: what is there becomes the first half."""
-        for i in range(3):
-            self.first[i] += dr.select(grow, self.second[i], 0)
-            self.second[i] = dr.select(grow, 0, self.second[i])
+        place = 2 * dr.arange(mi.UInt32, self.frame.pixels)
+        for sums in (self.colour, self.bright, self.straight) if self.guided else (self.colour,):
+            for total in sums:
+                second = dr.gather(mi.Float, total, place + 1, grow)
+                dr.scatter_add(total, second, place, grow)
+                dr.scatter(total, mi.Float(0), place + 1, grow)
         d = self.decision
         d.hits = dr.select(grow, 2 * d.hits, d.hits)
         d.pilot_weight = weight_of_pilot(d.hits)
-        dr.eval(d.hits, d.pilot_weight, self.first, self.second)
+        dr.eval(d.hits, d.pilot_weight, self.colour, self.bright, self.straight)
         if self.block is not None:
             # Old and new halves weigh the same; only a pixel at its limit keeps a lower weight in the filter
             self.block.tensor()[:] = 0.5 * self.block.tensor()
@@ -167,12 +172,13 @@ class Totals:
         colour, bright, straight, hit, position, traced, spared, reflected = hits
         early = s < (dr.gather(mi.UInt32, self.decision.hits, index) >> 1)
 
-        def add(targets, values, active=True):
-            for target, value in zip(targets, values, strict=True):
-                dr.scatter_reduce(dr.ReduceOp.Add, target, value, index, active, dr.ReduceMode.Local)
+        half = 2 * index + dr.select(early, mi.UInt32(0), mi.UInt32(1))
 
-        add(self.first, colour, early)
-        add(self.second, colour, ~early)
+        def add(targets, values, place=index):
+            for target, value in zip(targets, values, strict=True):
+                dr.scatter_reduce(dr.ReduceOp.Add, target, value, place, True, dr.ReduceMode.Local)
+
+        add(self.colour, colour, half)
         add([self.traced], [traced])
         # What is nought by construction is not added up
         if spared.state != dr.VarState.Literal:
@@ -180,8 +186,8 @@ class Totals:
         if reflected.state != dr.VarState.Literal:
             add([self.reflected], [reflected])
         if self.guided:
-            add(self.bright, bright)
-            add(self.straight, straight)
+            add(self.bright, bright, half)
+            add(self.straight, straight, half)
         if self.alpha_wanted:
             add(self.alpha, [hit])
         if self.block is not None:
@@ -190,7 +196,7 @@ class Totals:
             self.block.put(position, self._channels(colour, hit, share))
         extra = [self.block.tensor()] if self.block is not None else []
         counts = [self.traced, self.spared, self.reflected]
-        dr.eval(self.first, self.second, self.bright, self.straight, self.alpha, counts, *extra)
+        dr.eval(self.colour, self.bright, self.straight, self.alpha, counts, *extra)
 
     def change(self, difference) -> None:
         """Add a difference to every pixel's colour; a wide filter sees it spread over the pixel, as its hits are."""
@@ -214,16 +220,19 @@ class Totals:
 
     def image(self):
         """Pixel estimates, as ``mi.Color3f``."""
-        sums = mi.Color3f([a + b for a, b in zip(self.first, self.second, strict=True)])
-        return self.mix(self._pilot()[0], sums)
+        a, b = self._split(self.colour)
+        return self.mix(self._pilot()[0], a + b)
 
-    def halves(self):
-        """Means over each half of a pixel's hits."""
+    def _split(self, sums):
+        place = 2 * dr.arange(mi.UInt32, self.frame.pixels)
+        return [mi.Color3f([dr.gather(mi.Float, v, place + half) for v in sums]) for half in (0, 1)]
+
+    def halves(self, sums=None):
+        """Means over each half of a pixel's hits: of its colour, or of other sums that have halves."""
         hits = self.decision.hits
         low = hits >> 1
-        a = mi.Color3f(self.first) / mi.Float(dr.maximum(low, 1))
-        b = mi.Color3f(self.second) / mi.Float(dr.maximum(hits - low, 1))
-        return a, b
+        a, b = self._split(self.colour if sums is None else sums)
+        return a / mi.Float(dr.maximum(low, 1)), b / mi.Float(dr.maximum(hits - low, 1))
 
     def error(self):
         """Standard error a pixel and channel: from the difference of a pixel's halves, smoothed over its neighbours."""

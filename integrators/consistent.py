@@ -2,7 +2,8 @@
 
 Only the ratio of shadowed to unshadowed light is shared, never texture or shading, and only between pixels that see nothing
 but one surface, of which the surroundings agree within their noise (after Rousselle et al. 2012: each half of the samples is
-weighted by what the other half says). The bias vanishes with the noise: as it shrinks, fewer pixels agree.
+weighted by what the other half says). It is the ratio of the pixels' sums, each half's from hits of its own: what differs
+inside pixels, such as a fine texture, is in both sums alike. The bias vanishes with the noise: as it shrinks, fewer agree.
 """
 
 from __future__ import annotations
@@ -33,33 +34,37 @@ def smooth(total, image, grid):
     mi.Color3f
     """
     frame, hits = total.frame, total.decision.hits
-    n = mi.Float(dr.maximum(hits, 1))
-    bright = mi.Color3f(total.bright) / n
-    straight = mi.Color3f(total.straight) / n
+    # Of each half its light and what it would be without shadows, and the shadow ratio's noise
+    brights, straights = total.halves(total.bright), total.halves(total.straight)
+    lights = [a - b for a, b in zip(total.halves(), straights, strict=True)]
     level = mi.luminance(image)
-    known = (hits >= 2) & (mi.luminance(bright) > 0.01 * level) & (level > 0) & grid.inner
-
-    # Shadow ratios of each half, and the noise of those
-    def ratio(colour):
-        inside = known & (bright > 0)
-        return mi.Color3f(dr.select(inside, dr.clip((colour - straight) / dr.maximum(bright, 1e-20), -0.5, 1.5), 0))
-
-    a, b = (ratio(half) for half in total.halves())
-    va, vb = mi.luminance(a), mi.luminance(b)
+    known = (hits >= 2) & (level > 0) & grid.inner
+    for bright in brights:
+        known &= mi.luminance(bright) > 0.01 * level
+    lights, brights = ([dr.select(known, v, 0) for v in pair] for pair in (lights, brights))
+    va, vb = (_ratio(*pair) for pair in zip(lights, brights, strict=True))
     values = [dr.square(va - vb) * 0.5, dr.select(known, mi.Float(1), mi.Float(0))]
     near = window_sum(values, frame.width, frame.height, 1)
     noise = (near[0] + values[0]) / dr.maximum(near[1] + values[1], 1)
-    dr.eval(a, b, va, vb, noise, known)
+    dr.eval(lights, brights, va, vb, noise, known)
     if not dr.any(known & (noise > 0)):
         return image
-    means = share(frame, grid.normal, grid.point, (a, b), (va, vb), noise, known)
-    shared_a, shared_b = mi.Color3f(means[:3]), mi.Color3f(means[3:])
-    trust = _benefit(frame, va, vb, mi.luminance(shared_a), mi.luminance(shared_b))
-    shared = dr.lerp(0.5 * (a + b), 0.5 * (shared_a + shared_b), trust)
+    halves = share(frame, grid.normal, grid.point, list(zip(lights, brights, strict=True)), (va, vb), noise, known)
+    sums, clear = (a + b for a, b in zip(*halves, strict=True))
+    light, bright = (0.5 * (a + b) for a, b in (lights, brights))
+    shared = dr.select(clear > 0, bright * sums / dr.maximum(clear, 1e-30), light)
+    # What light differs by between halves, and what it would if shared
+    own, left = mi.luminance(lights[0] - lights[1]), mi.luminance(brights[0] - brights[1])
+    left *= mi.luminance(shared) / dr.maximum(mi.luminance(bright), 1e-20)
+    trust = _benefit(frame, va, vb, *(_ratio(*half) for half in halves), own, left)
     w = total.decision.pilot_weight
     pilot = total.pilot.value + total.decision.mean * total.pilot.control + total.pilot.emission
-    out = (bright * shared + straight) * (1 - w) + pilot * w
+    out = (dr.lerp(light, shared, trust) + 0.5 * (straights[0] + straights[1])) * (1 - w) + pilot * w
     return mi.Color3f(dr.select(known & (noise > 0), out, image))
+
+
+def _ratio(light, bright):
+    return dr.clip(mi.luminance(light) / dr.maximum(mi.luminance(bright), 1e-20), -0.5, 1.5)
 
 
 class Grid:
@@ -95,13 +100,21 @@ class Grid:
         return inside & same & (dr.abs(dr.dot(step, self.normal)) < SLOPE * dr.norm(step))
 
 
-def _benefit(frame, a, b, shared_a, shared_b):
-    """How far to trust the shared value, in [0, 1]: as far as it predicts the other half better than the pixel did."""
+def _benefit(frame, a, b, shared_a, shared_b, x, y):
+    """How far to trust what is shared, in [0, 1].
+
+    As far as a half's shared ratio predicts the other half's better than its own did; and no farther than the light so made
+    is less noisy than the pixel's own: brightness is noisy too, say where lights that nobody sees are seldom asked.
+    """
     own = dr.square(a - b)
     shared = 0.5 * (dr.square(shared_a - b) + dr.square(shared_b - a))
-    near_own, near_shared = window_sum([own, shared], frame.width, frame.height)
-    gain = 1 - (near_shared + shared) / dr.maximum(near_own + own, 1e-20)
+    # (1 - t) x + t y is least on average at t = <x (x - y)> / <(x - y)²>
+    values = [own, shared, x * (x - y), dr.square(x - y)]
+    near = window_sum(values, frame.width, frame.height)
+    near_own, near_shared, less, apart = (n + v for n, v in zip(near, values, strict=True))
+    gain = 1 - near_shared / dr.maximum(near_own, 1e-20)
     # A perfect value still misses the other half's noise: at best the error halves. What it misses beyond that is the
     # shared value's own error, here against that of a half; the whole pixel's is less than half of a half's
     error = dr.maximum(1 - 2 * gain, 0)
-    return dr.select(gain > 0, WHOLE / (WHOLE + error), 0)
+    useful = dr.select(apart > 0, dr.clip(less / dr.maximum(apart, 1e-30), 0, 1), 1)
+    return dr.select(gain > 0, WHOLE / (WHOLE + error), 0) * useful

@@ -18,41 +18,50 @@ ROWS = 24  # of a stripe, which stays in the cache
 EDGE = RADIUS + PATCH  # of pixels looked at around it
 SLACK = 64  # floats behind an array that Dr.Jit borrows: its kernels read whole packets
 
-# Planes of a field: normals and points; of each half its colour and luminance; noise; whether a pixel is known
-NORMAL, POINT, COLOUR, LEVEL, NOISE, KNOWN = 0, 3, 6, 12, 14, 15
-PLANES = 16
+# Planes of a field: normals and points; of each half its light, without shadows too, and their ratio; noise; whether known
+NORMAL, POINT, LIGHT, LEVEL, NOISE, KNOWN = 0, 3, 6, 18, 20, 21
+PLANES = 22
+GIVEN = 6  # planes a half
 
 # Called by compiled code alone
 _compiled = nb.njit(cache=True, error_model="numpy", no_cpython_wrapper=True, no_cfunc_wrapper=True)
 
 
 def share(frame, normal, point, halves, levels, noise, known):
-    """Return means of both halves over pixels whose surroundings agree in the other half.
+    """Return sums of both halves over pixels whose surroundings agree in the other half.
+
+    Light with shadows and without is added up apart: the ratio of the sums is that of one large pixel. A mean of ratios would
+    give dark pixels, whose ratios say least, as much weight as bright ones.
 
     Parameters
     ----------
     frame : Frame
     normal, point : mi.Vector3f, mi.Point3f
         Of the surface in each pixel.
-    halves, levels : pairs of mi.Color3f, of mi.Float
-        Values of both halves of the samples, and their luminances.
+    halves : pair of pairs of mi.Color3f
+        Of both halves of the samples: light, and what it would be without shadows.
+    levels : pair of mi.Float
+        Ratios of their luminances.
     noise : mi.Float
-        Variance of a half's luminance.
+        Variance of a half's ratio.
     known : mi.Bool
         Pixels that take part.
 
     Returns
     -------
-    list of 6 mi.Float
-        Channels of the first half, then of the second.
+    pair of pairs of mi.Color3f
+        Sums of ``halves``.
     """
-    planes = [*normal, *point, *halves[0], *halves[1], *levels, noise, dr.select(known, type(noise)(1), 0)]
+    given = [channel for half in halves for colour in half for channel in colour]
+    planes = [*normal, *point, *given, *levels, noise, dr.select(known, type(noise)(1), 0)]
     dr.eval(planes)
     planes = tuple(np.ascontiguousarray(plane.numpy()) for plane in planes)
-    flat = np.empty(6 * frame.pixels + SLACK, np.float32)
-    out = flat[: 6 * frame.pixels].reshape(6, frame.height, frame.width)
+    count = len(given)
+    flat = np.empty(count * frame.pixels + SLACK, np.float32)
+    out = flat[: count * frame.pixels].reshape(count, frame.height, frame.width)
     _share(planes, out, nb.get_num_threads())
-    return [type(noise)(plane.ravel()) for plane in out]
+    sums = [type(halves[0][0])([type(noise)(plane.ravel()) for plane in out[k : k + 3]]) for k in range(0, count, 3)]
+    return sums[:2], sums[2:]
 
 
 @_compiled
@@ -127,18 +136,6 @@ def _add(weight, values, out):
 
 
 @_compiled
-def _increase(weight, out):
-    for i in range(len(out)):
-        out[i] += weight[i]
-
-
-@_compiled
-def _divide(values, weight, out):
-    for i in range(len(out)):
-        out[i] = values[i] / weight[i]
-
-
-@_compiled
 def _compare(field, y, begin, end, u, v, scratch, sums, same):
     # How the pixels of a row differ from those u to the right and v below, summed across their patches
     a, b, c, d, z = begin, end, begin + u, end + u, y + v
@@ -162,9 +159,8 @@ def _compare(field, y, begin, end, u, v, scratch, sums, same):
 def _give(field, w, half, y, x, total, row, column):
     # Give a row of a half's pixels, so weighted, to others
     n = len(w)
-    for c in range(3):
-        _add(w, field[COLOUR + 3 * half + c, y, x : x + n], total[4 * half + c, row, column : column + n])
-    _increase(w, total[4 * half + 3, row, column : column + n])
+    for k in range(GIVEN * half, GIVEN * (half + 1)):
+        _add(w, field[LIGHT + k, y, x : x + n], total[k, row, column : column + n])
 
 
 @_compiled
@@ -182,8 +178,7 @@ def _stripes(planes, begin, step, out):
     same, sums = np.empty((ROWS + 2 * EDGE, wide), np.float32), np.empty((3, ROWS + 2 * EDGE, width), np.float32)
     scratch = np.empty(wide, np.float32), np.empty(wide, np.float32), np.empty(wide, np.float32)
     near, w = np.empty((3, width), np.float32), np.empty(width, np.float32)
-    # Colours and weight of each half
-    total = np.empty((8, ROWS, width + 2 * RADIUS), np.float32)
+    total = np.empty((2 * GIVEN, ROWS, width + 2 * RADIUS), np.float32)
     for first in range(begin, height, step):
         rows = min(ROWS, height - first)
         for k, plane in enumerate(planes):
@@ -215,11 +210,9 @@ def _stripes(planes, begin, step, out):
                             _give(field, w, half, y + v, EDGE + u, total, r, RADIUS)
                         if r + v < rows:
                             _give(field, w, half, y, EDGE, total, r + v, RADIUS + u)
-        for half in range(2):
+        for k in range(2 * GIVEN):
             for r in range(rows):
-                weight = total[4 * half + 3, r, RADIUS : RADIUS + width]
-                for c in range(3):
-                    _divide(total[4 * half + c, r, RADIUS : RADIUS + width], weight, out[3 * half + c, first + r])
+                _copy(total[k, r, RADIUS : RADIUS + width], out[k, first + r])
 
 
 @nb.njit(cache=True, parallel=True)

@@ -56,16 +56,18 @@ def test_equal_pixels_share_alike(variant_llvm):
     )
     halves = np.random.default_rng(0).uniform(0.4, 0.6, (2, height, width))
     levels = [mi.Float(half.ravel()) for half in halves]
-    known, noise = dr.full(mi.Bool, True, x.size), dr.full(mi.Float, 10.0, x.size)
-    means = share(frame, normal, point, [mi.Color3f(v) for v in levels], levels, noise, known)
-    for half, mean in zip(halves, (means[1], means[5]), strict=True):
+    known, noise, one = dr.full(mi.Bool, True, x.size), dr.full(mi.Float, 10.0, x.size), dr.full(mi.Float, 1.0, x.size)
+    pairs = [(mi.Color3f(v), mi.Color3f(one)) for v in levels]
+    sums = share(frame, normal, point, pairs, levels, noise, known)
+    for half, (light, bright) in zip(halves, sums, strict=True):
+        mean = np.array(light / bright)[1].reshape(height, width)
         for i, j in ((0, 0), (5, 7), (23, 29), (24, 12), (49, 3)):
             window = half[max(i - RADIUS, 0) : i + RADIUS + 1, max(j - RADIUS, 0) : j + RADIUS + 1]
-            assert np.array(mean).reshape(height, width)[i, j] == pytest.approx(window.mean(), rel=1e-5)
+            assert mean[i, j] == pytest.approx(window.mean(), rel=1e-5)
 
 
 def brute(normal, point, halves, levels, noise, known):
-    """Non-local means pixel by pixel, in float64."""
+    """Weighted sums pixel by pixel, in float64."""
     height, width = noise.shape
     near = range(-RADIUS, RADIUS + 1)
     weights = {(u, v): np.zeros((2, height, width)) for u in near for v in near if (v, u) > (0, 0)}
@@ -89,14 +91,13 @@ def brute(normal, point, halves, levels, noise, known):
         w[:, a[0], a[1]] = ((1 + np.maximum(mean[::-1], 0) / 16) ** -16)[:, a[0], a[1]] * same
     out = []
     for w, half in enumerate(halves):
-        total, weight = half.copy(), np.ones((height, width, 1))
+        total = half.copy()
         for (u, v), pair in weights.items():
             for y in range(height - v):
                 for x in range(max(-u, 0), width - max(u, 0)):
                     for p, q in (((y, x), (y + v, x + u)), ((y + v, x + u), (y, x))):
                         total[p] += pair[w, y, x] * half[q]
-                        weight[p] += pair[w, y, x]
-        out.append(total / weight)
+        out.append(total)
     return out
 
 
@@ -107,7 +108,7 @@ def test_sharing_against_brute_force(variant_llvm):
     y, x = np.mgrid[:height, :width]
     normal, point = np.zeros((height, width, 3)), np.stack([x, y, (rng.random(x.shape) < 0.05) * 2.0], -1)
     normal[:, :15, 2] = normal[:, 15:, 1] = 1
-    halves, levels = rng.uniform(0.3, 0.6, (2, height, width, 3)), rng.uniform(0.3, 0.6, (2, height, width))
+    halves, levels = rng.uniform(0.3, 0.6, (2, height, width, 6)), rng.uniform(0.3, 0.6, (2, height, width))
     noise, known = 10 ** rng.uniform(-5, -1, (height, width)), rng.random((height, width)) < 0.9
 
     def flat(values):
@@ -120,15 +121,15 @@ def test_sharing_against_brute_force(variant_llvm):
         SimpleNamespace(width=width, height=height, pixels=width * height),
         vector(mi.Vector3f, normal),
         vector(mi.Point3f, point),
-        [vector(mi.Color3f, half) for half in halves],
+        [(vector(mi.Color3f, half[..., :3]), vector(mi.Color3f, half[..., 3:])) for half in halves],
         [flat(level) for level in levels],
         flat(noise),
         mi.Bool(known.ravel()),
     )
     expected = brute(normal, point, halves, levels, noise, known)
-    for half, channels in zip(expected, (found[:3], found[3:]), strict=True):
-        image = np.stack([np.array(c).reshape(height, width) for c in channels], -1)
-        np.testing.assert_allclose(image[known], half[known], atol=2e-5)
+    for half, pair in zip(expected, found, strict=True):
+        image = np.concatenate([np.array(colour).T.reshape(height, width, 3) for colour in pair], -1)
+        np.testing.assert_allclose(image[known], half[known], rtol=2e-5)
 
 
 @pytest.mark.parametrize("name, share", [("grating", 0.6), ("penumbra", 0.5), ("fence", 0.75)])
@@ -136,6 +137,49 @@ def test_sharing_pays(variant_llvm, name, share):
     scene, truth = scene_and_truth(name)
     plain, shared = (errors(scene, truth, mode, 16, 4)[0] for mode in ("unbiased", "consistent"))
     assert shared < share * plain
+
+
+def level(height, half_width, bsdf):
+    """Return a level square."""
+    T = mi.ScalarTransform4f
+    up = T().translate([0, height, 0]) @ T().rotate([1, 0, 0], -90) @ T().scale(half_width)
+    return {"type": "rectangle", "to_world": up, "bsdf": bsdf}
+
+
+def lamp_at(kit, place, half_width, radiance):
+    """Return a square lamp that looks down."""
+    T = mi.ScalarTransform4f
+    return kit.lamp(radiance, T().translate(place) @ T().rotate([1, 0, 0], 90) @ T().scale(half_width))
+
+
+def test_textures_finer_than_pixels_shift_nothing(variant_llvm, kit):
+    # Halves of a pixel's hits fall on black and white by chance, in the wide penumbra of a plate too
+    black, white = ({"type": "rgb", "value": v} for v in (0.0, 0.9))
+    fine = {"type": "checkerboard", "color0": black, "color1": white, "to_uv": mi.ScalarTransform4f().scale(10)}
+    scene = kit.room(
+        camera=kit.sensor(origin=(0, 4, 6), target=(0, 0, 0), fov=40, size=48, height=32),
+        lights={"lamp": lamp_at(kit, [0, 3, 0], 0.5, 10.0)},
+        blocker=False,
+        floor=level(0, 4, {"type": "diffuse", "reflectance": fine}),
+        plate=level(1, 0.4, {"type": "twosided", "side": {"type": "diffuse"}}),
+    )
+    scene, means = mi.load_dict(scene), []
+    for mode in ("unbiased", "consistent"):
+        plugin = mi.load_dict({"type": "visdirect", "mode": mode})
+        renders = [np.array(mi.render(scene, integrator=plugin, spp=16, seed=s)).mean() for s in range(24)]
+        means.append((np.mean(renders), np.var(renders) / 24))
+    (plain, v), (shared, w) = means
+    assert np.sqrt(v + w) < 1e-3 * plain
+    assert abs(shared - plain) < 4e-3 * plain
+
+
+def test_light_that_nobody_sees_brings_no_noise(variant_llvm, kit):
+    # Where it is hidden it is seldom asked, so what it would add is noisy while the light that is there is not
+    lamps = {"near": kit.lamp(2.0), "far": lamp_at(kit, [-1.5, 1.2, 0], 0.05, 60.0)}
+    scene = mi.load_dict(kit.room(lights=lamps, camera=kit.sensor(origin=(0, 3, 3.5), size=64)))
+    truth = np.array(mi.render(scene, integrator=mi.load_dict({"type": "visdirect"}), spp=4096, seed=99), np.float64)
+    plain, shared = (errors(scene, truth, mode, 16, 8)[0] for mode in ("unbiased", "consistent"))
+    assert shared < plain
 
 
 def test_bias_vanishes(variant_llvm):
