@@ -15,6 +15,7 @@ from .cells import window_sum
 from .share import SLOPE, TURN, share
 
 WHOLE = 0.5  # variance of the whole over that of its half
+SAMPLED = 0.8  # share of the pixels around that must have halves to compare
 LEFT = 0.5  # of a pixel's standard error, after sharing: so much less is spent where pixels may share
 
 
@@ -38,7 +39,9 @@ def smooth(total, image, grid):
     brights, straights = total.halves(total.bright), total.halves(total.straight)
     lights = [a - b for a, b in zip(total.halves(), straights, strict=True)]
     level = mi.luminance(image)
-    known = (hits >= 2) & (level > 0) & grid.inner
+    sampled = dr.select(hits >= 2, mi.Float(1), mi.Float(0))
+    around, whole = window_sum([sampled, dr.full(mi.Float, 1, frame.pixels)], frame.width, frame.height)
+    known = (hits >= 2) & grid.inner & (around >= SAMPLED * whole)
     for bright in brights:
         known &= mi.luminance(bright) > 0.01 * level
     lights, brights = ([dr.select(known, v, 0) for v in pair] for pair in (lights, brights))
@@ -52,7 +55,7 @@ def smooth(total, image, grid):
     halves = share(frame, grid.normal, grid.point, list(zip(lights, brights, strict=True)), (va, vb), noise, known)
     sums, clear = (a + b for a, b in zip(*halves, strict=True))
     light, bright = (0.5 * (a + b) for a, b in (lights, brights))
-    shared = dr.select(clear > 0, bright * sums / dr.maximum(clear, 1e-30), light)
+    shared = dr.select(clear > 0, bright * _bounded(sums / dr.maximum(clear, 1e-30)), light)
     # What light differs by between halves, and what it would if shared
     own, left = mi.luminance(lights[0] - lights[1]), mi.luminance(brights[0] - brights[1])
     left *= mi.luminance(shared) / dr.maximum(mi.luminance(bright), 1e-20)
@@ -64,7 +67,12 @@ def smooth(total, image, grid):
 
 
 def _ratio(light, bright):
-    return dr.clip(mi.luminance(light) / dr.maximum(mi.luminance(bright), 1e-20), -0.5, 1.5)
+    return _bounded(mi.luminance(light) / dr.maximum(mi.luminance(bright), 1e-20))
+
+
+def _bounded(ratio):
+    # Ratios are in [0, 1]; noise of wavelengths and of closed forms may put them a little beyond
+    return dr.clip(ratio, -0.5, 1.5)
 
 
 class Grid:

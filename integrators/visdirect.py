@@ -32,8 +32,8 @@ def choice(name: str, value, allowed) -> str:
 def number(name: str, value, low, high=None, whole=True):
     """Return ``value`` if it is a number, a whole one by default, in [low, high]; say so clearly otherwise."""
     real = isinstance(value, (int, float)) and not isinstance(value, bool)
-    if not (real and value >= low and (high is None or value <= high) and (not whole or value == int(value))):
-        bound = f">= {low}" if high is None else f"in [{low}, {high}]"
+    if not (real and low <= value < float("inf") and (high is None or value <= high) and (not whole or value == int(value))):
+        bound = f">= {low} and finite" if high is None else f"in [{low}, {high}]"
         raise InputError(f"'{name}' must be {'a whole' if whole else 'a'} number {bound} (got {value})")
     return int(value) if whole else float(value)
 

@@ -12,10 +12,11 @@ from intervis.integrators.share import PATCH, RADIUS, SLOPE, TOLERANCE, TURN, sh
 from intervis.scenes import load
 
 
-def errors(scene, truth, mode, spp, seeds):
-    """Return relMSE of single renders, and the rms of their mean's difference from the truth."""
+def errors(scene, truth, mode, spp, seeds, scale=1.0):
+    """Return relMSE of single renders, so many times as bright, and the rms of their mean's difference from the truth."""
     plugin = mi.load_dict({"type": "visdirect", "mode": mode})
     images = np.array([np.array(mi.render(scene, integrator=plugin, spp=spp, seed=s)) for s in range(seeds)], np.float64)
+    images, truth = images * scale, truth * scale
     each = np.mean((images - truth) ** 2 / (truth**2 + 0.01))
     return each, np.sqrt(np.mean((images.mean(0) - truth) ** 2 / (truth**2 + 0.01)))
 
@@ -152,18 +153,32 @@ def lamp_at(kit, place, half_width, radiance):
     return kit.lamp(radiance, T().translate(place) @ T().rotate([1, 0, 0], 90) @ T().scale(half_width))
 
 
+def plate_over(kit, bsdf, half_width, width):
+    """Return the scene of a plate between a floor and a lamp."""
+    scene = kit.room(
+        camera=kit.sensor(origin=(0, 4, 6), target=(0, 0, 0), fov=40, size=width, height=3 * width // 4),
+        lights={"lamp": lamp_at(kit, [0, 3, 0], half_width, 2.5 / half_width**2)},
+        blocker=False,
+        floor=level(0, 4, bsdf),
+        plate=level(1, 0.4, {"type": "twosided", "side": {"type": "diffuse"}}),
+    )
+    return mi.load_dict(scene)
+
+
+def test_the_few_pixels_with_halves_do_not_share_among_themselves(variant_llvm, kit):
+    # At four samples a pixel only those on the sharp edge of a small lamp's shadow have two hits
+    scene = plate_over(kit, {"type": "diffuse"}, 0.05, 128)
+    truth = np.array(mi.render(scene, integrator=mi.load_dict({"type": "visdirect"}), spp=1024, seed=99), np.float64)
+    # So bright that what leaks into the umbra shows
+    plain, shared = (errors(scene, truth, mode, 4, 6, scale=10 / truth.mean())[0] for mode in ("unbiased", "consistent"))
+    assert shared < 2 * plain
+
+
 def test_textures_finer_than_pixels_shift_nothing(variant_llvm, kit):
     # Halves of a pixel's hits fall on black and white by chance, in the wide penumbra of a plate too
     black, white = ({"type": "rgb", "value": v} for v in (0.0, 0.9))
     fine = {"type": "checkerboard", "color0": black, "color1": white, "to_uv": mi.ScalarTransform4f().scale(10)}
-    scene = kit.room(
-        camera=kit.sensor(origin=(0, 4, 6), target=(0, 0, 0), fov=40, size=48, height=32),
-        lights={"lamp": lamp_at(kit, [0, 3, 0], 0.5, 10.0)},
-        blocker=False,
-        floor=level(0, 4, {"type": "diffuse", "reflectance": fine}),
-        plate=level(1, 0.4, {"type": "twosided", "side": {"type": "diffuse"}}),
-    )
-    scene, means = mi.load_dict(scene), []
+    scene, means = plate_over(kit, {"type": "diffuse", "reflectance": fine}, 0.5, 48), []
     for mode in ("unbiased", "consistent"):
         plugin = mi.load_dict({"type": "visdirect", "mode": mode})
         renders = [np.array(mi.render(scene, integrator=plugin, spp=16, seed=s)).mean() for s in range(24)]
