@@ -35,7 +35,7 @@ def smooth(total, image, grid):
     mi.Color3f
     """
     frame, hits = total.frame, total.decision.hits
-    # Of each half its light and what it would be without shadows, and the shadow ratio's noise
+    # Of each half its light and what it would be without shadows, and the shadow ratios' noise
     brights, straights = total.halves(total.bright), total.halves(total.straight)
     lights = [a - b for a, b in zip(total.halves(), straights, strict=True)]
     level = mi.luminance(image)
@@ -45,34 +45,29 @@ def smooth(total, image, grid):
     for bright in brights:
         known &= mi.luminance(bright) > 0.01 * level
     lights, brights = ([dr.select(known, v, 0) for v in pair] for pair in (lights, brights))
-    va, vb = (_ratio(*pair) for pair in zip(lights, brights, strict=True))
-    values = [dr.square(va - vb) * 0.5, dr.select(known, mi.Float(1), mi.Float(0))]
+    ratios = [_ratio(*pair) for pair in zip(lights, brights, strict=True)]
+    values = [dr.squared_norm(ratios[0] - ratios[1]) * 0.5, dr.select(known, mi.Float(1), mi.Float(0))]
     near = window_sum(values, frame.width, frame.height, 1)
     noise = (near[0] + values[0]) / dr.maximum(near[1] + values[1], 1)
-    dr.eval(lights, brights, va, vb, noise, known)
+    dr.eval(lights, brights, ratios, noise, known)
     if not dr.any(known & (noise > 0)):
         return image
-    halves = share(frame, grid.normal, grid.point, list(zip(lights, brights, strict=True)), (va, vb), noise, known)
-    sums, clear = (a + b for a, b in zip(*halves, strict=True))
+    halves = share(frame, grid.normal, grid.point, list(zip(lights, brights, strict=True)), ratios, noise, known)
     light, bright = (0.5 * (a + b) for a, b in (lights, brights))
-    shared = dr.select(clear > 0, bright * _bounded(sums / dr.maximum(clear, 1e-30)), light)
-    # What light differs by between halves, and what it would if shared
-    own, left = mi.luminance(lights[0] - lights[1]), mi.luminance(brights[0] - brights[1])
-    left *= mi.luminance(shared) / dr.maximum(mi.luminance(bright), 1e-20)
-    trust = _benefit(frame, va, vb, *(_ratio(*half) for half in halves), own, left)
+    ratio = _ratio(*(a + b for a, b in zip(*halves, strict=True)))
+    # What light differs by between halves, and what it would if shared, each over brightness
+    scale = dr.rcp(dr.maximum(mi.luminance(bright), 1e-30))
+    own, left = (lights[0] - lights[1]) * scale, (brights[0] - brights[1]) * ratio * scale
+    trust = _benefit(frame, *ratios, *(_ratio(*half) for half in halves), own, left)
     w = total.decision.pilot_weight
     pilot = total.pilot.value + total.decision.mean * total.pilot.control + total.pilot.emission
-    out = (dr.lerp(light, shared, trust) + 0.5 * (straights[0] + straights[1])) * (1 - w) + pilot * w
+    out = (dr.lerp(light, bright * ratio, trust) + 0.5 * (straights[0] + straights[1])) * (1 - w) + pilot * w
     return mi.Color3f(dr.select(known & (noise > 0), out, image))
 
 
 def _ratio(light, bright):
-    return _bounded(mi.luminance(light) / dr.maximum(mi.luminance(bright), 1e-20))
-
-
-def _bounded(ratio):
-    # Ratios are in [0, 1]; noise of wavelengths and of closed forms may put them a little beyond
-    return dr.clip(ratio, -0.5, 1.5)
+    # In [0, 1]; noise of wavelengths and of closed forms may put it a little beyond
+    return mi.Color3f(dr.select(bright != 0, dr.clip(light / bright, -0.5, 1.5), 0))
 
 
 class Grid:
@@ -114,10 +109,10 @@ def _benefit(frame, a, b, shared_a, shared_b, x, y):
     As far as a half's shared ratio predicts the other half's better than its own did; and no farther than the light so made
     is less noisy than the pixel's own: brightness is noisy too, say where lights that nobody sees are seldom asked.
     """
-    own = dr.square(a - b)
-    shared = 0.5 * (dr.square(shared_a - b) + dr.square(shared_b - a))
+    own = dr.squared_norm(a - b)
+    shared = 0.5 * (dr.squared_norm(shared_a - b) + dr.squared_norm(shared_b - a))
     # (1 - t) x + t y is least on average at t = <x (x - y)> / <(x - y)²>
-    values = [own, shared, x * (x - y), dr.square(x - y)]
+    values = [own, shared, dr.dot(x, x - y), dr.squared_norm(x - y)]
     near = window_sum(values, frame.width, frame.height)
     near_own, near_shared, less, apart = (n + v for n, v in zip(near, values, strict=True))
     gain = 1 - near_shared / dr.maximum(near_own, 1e-20)

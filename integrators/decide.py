@@ -117,14 +117,15 @@ def decide(pilot, frame, classifier: str, grid: int, named: bool, refinement: bo
     light = doubt + mean * mean * noise * dr.select(mean >= 1, SMOOTH, 1)
     # As many shadow rays a hit as balance what is left of the two, given what a hit and a ray cost
     balance = dr.sqrt(HIT_COST * dr.square(left) * light / dr.maximum(camera, 1e-12 + 1e-6 * level * level))
+    # Squares of what is too bright for float32 say nothing
+    balance = dr.select(dr.isfinite(balance), balance, 1)
     rays = mi.UInt32(1) << mi.UInt32(dr.clip(dr.round(dr.log2(dr.maximum(balance, 1))), 0, MAX_LOG_RAYS))
     # Where nothing can stand in the way there is no doubt, and rays that were planned are spared
     light -= proven * doubt
     light /= dr.power(mi.Float(rays), 1.3)
     # A film of one pixel has no neighbours to tell
-    error, need = (
-        dr.select(alone, 1, dr.sqrt((camera + share * share * light) / (level * level + 0.01))) for share in (1.0, left)
-    )
+    error, need = (dr.sqrt((camera + share * share * light) / (level * level + 0.01)) for share in (1.0, left))
+    error, need = (dr.select(alone | ~dr.isfinite(x), 1, x) for x in (error, need))
     return Decision(label, guess, mask, mean, refine, rays, error, need, near_seen[2:], near_tried[2:])
 
 

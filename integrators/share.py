@@ -18,16 +18,16 @@ ROWS = 24  # of a stripe, which stays in the cache
 EDGE = RADIUS + PATCH  # of pixels looked at around it
 SLACK = 64  # floats behind an array that Dr.Jit borrows: its kernels read whole packets
 
-# Planes of a field: normals and points; of each half its light, without shadows too, and their ratio; noise; whether known
-NORMAL, POINT, LIGHT, LEVEL, NOISE, KNOWN = 0, 3, 6, 18, 20, 21
-PLANES = 22
+# Planes of a field: normals and points; of each half its light, without shadows too, and their ratios; noise; whether known
+NORMAL, POINT, LIGHT, RATIO, NOISE, KNOWN = 0, 3, 6, 18, 24, 25
+PLANES = 26
 GIVEN = 6  # planes a half
 
 # Called by compiled code alone
 _compiled = nb.njit(cache=True, error_model="numpy", no_cpython_wrapper=True, no_cfunc_wrapper=True)
 
 
-def share(frame, normal, point, halves, levels, noise, known):
+def share(frame, normal, point, halves, ratios, noise, known):
     """Return sums of both halves over pixels whose surroundings agree in the other half.
 
     Light with shadows and without is added up apart: the ratio of the sums is that of one large pixel. A mean of ratios would
@@ -40,10 +40,10 @@ def share(frame, normal, point, halves, levels, noise, known):
         Of the surface in each pixel.
     halves : pair of pairs of mi.Color3f
         Of both halves of the samples: light, and what it would be without shadows.
-    levels : pair of mi.Float
-        Ratios of their luminances.
+    ratios : pair of mi.Color3f
+        Of the two.
     noise : mi.Float
-        Variance of a half's ratio.
+        Variance of a half's ratios, added up over the channels.
     known : mi.Bool
         Pixels that take part.
 
@@ -53,7 +53,7 @@ def share(frame, normal, point, halves, levels, noise, known):
         Sums of ``halves``.
     """
     given = [channel for half in halves for colour in half for channel in colour]
-    planes = [*normal, *point, *given, *levels, noise, dr.select(known, type(noise)(1), 0)]
+    planes = [*normal, *point, *given, *ratios[0], *ratios[1], noise, dr.select(known, type(noise)(1), 0)]
     dr.eval(planes)
     planes = tuple(np.ascontiguousarray(plane.numpy()) for plane in planes)
     count = len(given)
@@ -89,18 +89,33 @@ def _flat(along, length, known, other, out):
 
 
 @_compiled
-def _explained(noise, other, same, out):
-    # One over what noise explains of a squared difference, with the tolerance
+def _explained(noise, other, out):
+    # What noise explains of a squared difference
     for i in range(len(out)):
-        out[i] = same[i] / (np.float32(TOLERANCE) * (noise[i] + other[i]) + np.float32(1e-7))
+        out[i] = noise[i] + other[i]
 
 
 @_compiled
-def _differ(x, y, noise, other, scale, out):
-    # The squared difference beyond what noise explains, in units of that
+def _unit(noise, same, out):
+    # One over that, with the tolerance
+    for i in range(len(out)):
+        out[i] = same[i] / (np.float32(TOLERANCE) * noise[i] + np.float32(1e-7))
+
+
+@_compiled
+def _differ(x, y, out):
+    # Add the squared difference
     for i in range(len(out)):
         d = x[i] - y[i]
-        out[i] = (d * d - (noise[i] + other[i])) * scale[i]
+        out[i] += d * d
+
+
+@_compiled
+def _differ_last(x, y, noise, scale, out):
+    # The same, and what of it is beyond what noise explains, in units of that
+    for i in range(len(out)):
+        d = x[i] - y[i]
+        out[i] = (out[i] + d * d - noise[i]) * scale[i]
 
 
 @_compiled
@@ -146,11 +161,15 @@ def _compare(field, y, begin, end, u, v, scratch, sums, same):
     for k in range(3):
         _step(field[NORMAL + k, y, a:b], field[POINT + k, y, a:b], field[POINT + k, z, c:d], along, length)
     _flat(along, length, field[KNOWN, y, a:b], field[KNOWN, z, c:d], same)
-    noise, other, scale = field[NOISE, y, a:b], field[NOISE, z, c:d], length
-    _explained(noise, other, same, scale)
+    noise, scale = along, length
+    _explained(field[NOISE, y, a:b], field[NOISE, z, c:d], noise)
+    _unit(noise, same, scale)
     for half in range(2):
-        k = LEVEL + half
-        _differ(field[k, y, a:b], field[k, z, c:d], noise, other, scale, value)
+        k = RATIO + 3 * half
+        value[:] = 0
+        _differ(field[k, y, a:b], field[k, z, c:d], value)
+        _differ(field[k + 1, y, a:b], field[k + 1, z, c:d], value)
+        _differ_last(field[k + 2, y, a:b], field[k + 2, z, c:d], noise, scale, value)
         _across(value, sums[half, y])
     _across(same, sums[2, y])
 

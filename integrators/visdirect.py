@@ -89,8 +89,9 @@ def define(base):
             self.depth = props_depth
 
         def _depth(self, props):
-            if "max_depth" in props:
-                raise InputError("'max_depth' is not a parameter of visdirect, which renders direct light only: use vispath")
+            for name in ("max_depth", "rr_depth"):
+                if name in props:
+                    raise InputError(f"'{name}' is no parameter of visdirect, which renders direct light only: use vispath")
             return 2
 
         def aov_names(self):
@@ -113,6 +114,12 @@ def define(base):
             spp = number("spp", spp or sensor.sampler().sample_count(), 1, MOST)
             with dr.suspend_grad():
                 return self._render(scene, sensor, mi.UInt32(seed), spp)
+
+        def sample(self, *_, **__):
+            raise InputError(
+                "this integrator renders whole images and cannot be inside another, such as 'aov' or 'moment': "
+                "render it by itself, and the other layers apart"
+            )
 
         def _render(self, scene, sensor, seed, spp):
             begin = time.perf_counter()
@@ -227,8 +234,8 @@ def define(base):
 
         def _depth(self, props):
             depth = props.get("max_depth", -1)
-            if not isinstance(depth, int) or (depth < 2 and depth != -1):
-                raise InputError(f"'max_depth' must be -1 (no limit) or a whole number >= 2 (got {depth})")
+            if not isinstance(depth, int) or not (2 <= depth <= MOST or depth == -1):
+                raise InputError(f"'max_depth' must be -1 (no limit) or a whole number >= 2 and below 2**31 (got {depth})")
             return depth
 
     return VisDirect, VisPath

@@ -56,10 +56,10 @@ def test_equal_pixels_share_alike(variant_llvm):
         mi.Point3f(x.ravel(), y.ravel(), 0 * x.ravel()),
     )
     halves = np.random.default_rng(0).uniform(0.4, 0.6, (2, height, width))
-    levels = [mi.Float(half.ravel()) for half in halves]
+    ratios = [mi.Color3f(mi.Float(half.ravel())) for half in halves]
     known, noise, one = dr.full(mi.Bool, True, x.size), dr.full(mi.Float, 10.0, x.size), dr.full(mi.Float, 1.0, x.size)
-    pairs = [(mi.Color3f(v), mi.Color3f(one)) for v in levels]
-    sums = share(frame, normal, point, pairs, levels, noise, known)
+    pairs = [(v, mi.Color3f(one)) for v in ratios]
+    sums = share(frame, normal, point, pairs, ratios, noise, known)
     for half, (light, bright) in zip(halves, sums, strict=True):
         mean = np.array(light / bright)[1].reshape(height, width)
         for i, j in ((0, 0), (5, 7), (23, 29), (24, 12), (49, 3)):
@@ -67,7 +67,7 @@ def test_equal_pixels_share_alike(variant_llvm):
             assert mean[i, j] == pytest.approx(window.mean(), rel=1e-5)
 
 
-def brute(normal, point, halves, levels, noise, known):
+def brute(normal, point, halves, ratios, noise, known):
     """Weighted sums pixel by pixel, in float64."""
     height, width = noise.shape
     near = range(-RADIUS, RADIUS + 1)
@@ -82,7 +82,7 @@ def brute(normal, point, halves, levels, noise, known):
         along = np.abs((step * n).sum(-1))
         same = known[a] & known[b] & ((n * normal[b]).sum(-1) > TURN) & (along < SLOPE * np.linalg.norm(step, axis=-1))
         spread = noise[a] + noise[b]
-        values = [((x[a] - x[b]) ** 2 - spread) / (TOLERANCE * spread + 1e-7) * same for x in levels]
+        values = [(((x[a] - x[b]) ** 2).sum(-1) - spread) / (TOLERANCE * spread + 1e-7) * same for x in ratios]
         patches = np.zeros((3, height, width))
         for plane, value in zip(patches, [*values, same], strict=True):
             plane[a] = value
@@ -109,7 +109,7 @@ def test_sharing_against_brute_force(variant_llvm):
     y, x = np.mgrid[:height, :width]
     normal, point = np.zeros((height, width, 3)), np.stack([x, y, (rng.random(x.shape) < 0.05) * 2.0], -1)
     normal[:, :15, 2] = normal[:, 15:, 1] = 1
-    halves, levels = rng.uniform(0.3, 0.6, (2, height, width, 6)), rng.uniform(0.3, 0.6, (2, height, width))
+    halves, ratios = (rng.uniform(0.3, 0.6, (2, height, width, channels)) for channels in (6, 3))
     noise, known = 10 ** rng.uniform(-5, -1, (height, width)), rng.random((height, width)) < 0.9
 
     def flat(values):
@@ -123,11 +123,11 @@ def test_sharing_against_brute_force(variant_llvm):
         vector(mi.Vector3f, normal),
         vector(mi.Point3f, point),
         [(vector(mi.Color3f, half[..., :3]), vector(mi.Color3f, half[..., 3:])) for half in halves],
-        [flat(level) for level in levels],
+        [vector(mi.Color3f, ratio) for ratio in ratios],
         flat(noise),
         mi.Bool(known.ravel()),
     )
-    expected = brute(normal, point, halves, levels, noise, known)
+    expected = brute(normal, point, halves, ratios, noise, known)
     for half, pair in zip(expected, found, strict=True):
         image = np.concatenate([np.array(colour).T.reshape(height, width, 3) for colour in pair], -1)
         np.testing.assert_allclose(image[known], half[known], rtol=2e-5)
@@ -195,6 +195,22 @@ def test_light_that_nobody_sees_brings_no_noise(variant_llvm, kit):
     truth = np.array(mi.render(scene, integrator=mi.load_dict({"type": "visdirect"}), spp=4096, seed=99), np.float64)
     plain, shared = (errors(scene, truth, mode, 16, 8)[0] for mode in ("unbiased", "consistent"))
     assert shared < plain
+
+
+def test_shadows_of_two_colours_stay_apart(variant_llvm, kit):
+    # Red and green light of one luminance, of a bar's two sharp shadows that touch: only the colour tells them apart
+    lamps = {}
+    for name, x, colour in (("red", -0.5, [1 / 0.2127, 0, 0]), ("green", 0.5, [0, 1 / 0.7152, 0])):
+        lamps[name] = lamp_at(kit, [x, 2, 0], 0.01, 1.0)
+        lamps[name]["emitter"]["radiance"]["value"] = [20000 * c for c in colour]
+    grey = {"type": "diffuse", "reflectance": {"type": "rgb", "value": 0.6}}
+    bar = level(0.5, 1, {"type": "twosided", "side": {"type": "diffuse", "reflectance": {"type": "rgb", "value": 0.0}}})
+    bar["to_world"] = bar["to_world"] @ mi.ScalarTransform4f().scale([0.125, 3, 1])
+    camera = kit.sensor(origin=(0, 0.4, 2), target=(0, 0, 0.3), fov=50, size=128, height=96)
+    scene = mi.load_dict(kit.room(lights=lamps, bsdf=grey, blocker=False, camera=camera, bar=bar))
+    truth = np.array(mi.render(scene, integrator=mi.load_dict({"type": "visdirect"}), spp=4096, seed=99), np.float64)
+    plain, shared = (errors(scene, truth, mode, 64, 3)[0] for mode in ("unbiased", "consistent"))
+    assert shared < 2 * plain
 
 
 def test_bias_vanishes(variant_llvm):

@@ -4,7 +4,7 @@ import mitsuba as mi
 import numpy as np
 import pytest
 
-from intervis.errors import InputError
+from intervis.errors import InputError, mitsuba_errors
 
 
 def T():
@@ -54,6 +54,13 @@ def test_moved_scenes(kit, shift):
 @pytest.mark.parametrize("radiance", [1e-8, pytest.param(1e-3, marks=pytest.mark.slow), 1e8])
 def test_dim_and_bright_lights(kit, radiance):
     kit.compare(moved(kit, radiance=radiance))
+
+
+@pytest.mark.parametrize("mode", ["unbiased", "consistent"])
+def test_light_whose_square_float32_does_not_hold(kit, mode):
+    bright, _ = render(moved(kit, radiance=1e30), spp=16, mode=mode)
+    plain, _ = render(moved(kit, radiance=1.0), spp=16, mode=mode)
+    assert bright.mean() == pytest.approx(1e30 * plain.mean(), rel=0.01)
 
 
 def on_floor(kind):
@@ -180,13 +187,27 @@ def test_a_threshold_saves_rays(kit):
         ({"light_grid": 9}, "light_grid"),
         ({"threshold": -1.0}, "threshold"),
         ({"max_rays": 0}, "max_rays"),
-        ({"max_depth": 3}, "vispath"),
+        ({"threshold": float("inf")}, "threshold"),
+        ({"max_depth": 3}, "'max_depth' .* vispath"),
+        ({"rr_depth": 3}, "'rr_depth' .* vispath"),
         ({"no_such_parameter": 1}, "no_such_parameter"),
     ],
 )
 def test_wrong_parameters_are_named(variant_llvm, settings, word):
     with pytest.raises((InputError, RuntimeError), match=word):
         mi.load_dict({"type": "visdirect", **settings})
+
+
+@pytest.mark.parametrize("depth", [0, 1, -2, 2**31, 2**33])
+def test_wrong_depths_are_named(variant_llvm, depth):
+    with pytest.raises((InputError, RuntimeError), match="'max_depth' must be"):
+        mi.load_dict({"type": "vispath", "max_depth": depth})
+
+
+def test_inside_another_integrator(kit):
+    nested = mi.load_dict({"type": "aov", "aovs": "d:depth", "image": {"type": "visdirect"}})
+    with pytest.raises(InputError, match="cannot be inside another"), mitsuba_errors():
+        mi.render(mi.load_dict(kit.room()), integrator=nested, spp=4)
 
 
 @pytest.mark.parametrize("variant", ["scalar_rgb", "llvm_ad_spectral_polarized"])
