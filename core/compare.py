@@ -24,7 +24,7 @@ def command(options: argparse.Namespace) -> int:
         raise InputError("'--fail-above' needs a metric that grows with the difference (got psnr): use mse")
     if options.fail_above is not None and np.isnan(options.fail_above):
         raise InputError("'--fail-above' must be a number (got nan)")
-    output = check_writable(options.output, ".png") if options.output else None
+    output = None if options.output is None else check_writable(options.output, ".png")
     image, reference = picture(options.image), picture(options.reference)
 
     # The functions speak of 'image' and 'reference': the user knows them as files.

@@ -187,17 +187,19 @@ def check_writable(path: str | os.PathLike, suffix: str) -> Path:
     if folder:
         raise InputError(f"'output' must be a file (got the folder {target})")
     # Permission bits say too little (read-only mounts, the superuser): try it.
+    parent = Path(os.path.realpath(target)).parent if target.is_symlink() else target.parent
     try:
-        with tempfile.TemporaryFile(dir=target.parent):
+        with tempfile.TemporaryFile(dir=parent):
             pass
     except OSError as error:
-        raise InputError(f"cannot write into the folder {target.parent}: {error.strerror}") from error
+        raise InputError(f"cannot write into the folder {parent}: {error.strerror}") from error
     return target
 
 
 def _write_whole(path: str | os.PathLike, write: Callable[[str], None]) -> None:
     """Call `write` with a temporary name beside `path`, then rename: no half-written file is ever seen."""
-    target = Path(path)
+    # A link stays, and leads to the new file
+    target = Path(os.path.realpath(path))
     # Not longer than a name may be, whatever the file's
     temporary = target.with_name(f".intervis.{os.getpid()}.{threading.get_ident()}.part{target.suffix}")
     try:

@@ -36,7 +36,8 @@ def command(options: argparse.Namespace, line: str) -> int:
     if options.threshold is not None and not 0 <= options.threshold < float("inf"):
         raise InputError(f"'threshold' must be >= 0 and finite (got {options.threshold})")
     check_scene(options.scene)
-    output = check_writable(options.output or f"{Path(options.scene).stem}.exr", ".exr")
+    default = f"{Path(options.scene).stem}.exr"
+    output = check_writable(default if options.output is None else options.output, ".exr")
     parameters, scene_parameters = parse_settings(options.settings)
     if options.aovs:
         parameters["aovs"] = True

@@ -185,7 +185,8 @@ def _source(options):
 def _output(options, georeference) -> Path:
     # An .exr made from an .exr must not take its place
     kind = ".light.tif" if georeference else ".light.exr" if options.dem.lower().endswith(".exr") else ".exr"
-    path = Path(options.output or f"{Path(options.dem).stem}{kind}")
+    default = f"{Path(options.dem).stem}{kind}"
+    path = default if options.output is None else options.output
     return _target("output", path, options, [".exr", ".tif", ".tiff", ".npz"])
 
 

@@ -87,6 +87,15 @@ def test_files_that_are_no_exr_are_refused(tmp_path):
         read_exr(tmp_path / "b.exr")
 
 
+def test_a_link_stays_and_leads_to_the_new_file(tmp_path, layers):
+    (tmp_path / "there").mkdir()
+    (tmp_path / "link.exr").symlink_to("there/a.exr")
+    write_exr(tmp_path / "link.exr", layers)
+    assert (tmp_path / "link.exr").is_symlink()
+    assert read_exr(tmp_path / "there" / "a.exr")[0].keys() == layers.keys()
+    assert sorted(p.name for p in tmp_path.rglob("*")) == ["a.exr", "link.exr", "there"]
+
+
 def test_a_truncated_exr_is_refused(tmp_path, layers, capfd):
     write_exr(tmp_path / "a.exr", layers)
     whole = (tmp_path / "a.exr").read_bytes()
