@@ -6,10 +6,11 @@ import argparse
 import os
 import re
 import shlex
+import signal
 import sys
 from collections.abc import Sequence
 
-from .errors import InputError
+from .errors import STOPS, InputError
 
 
 class _Parser(argparse.ArgumentParser):
@@ -33,6 +34,11 @@ def main(argv: Sequence[str] | None = None) -> int:
         Exit code: 0 done, 1 a comparison above its limit or nothing that can render, 2 a wrong input,
         130 interrupted.
     """
+    if argv is None:
+        # However a run is ended, it ends like one that Ctrl-C ends: no half-written files
+        for which in STOPS:
+            if signal.getsignal(which) == signal.SIG_DFL:
+                signal.signal(which, signal.default_int_handler)
     words = list(sys.argv[1:] if argv is None else argv)
     # A number below zero is no option, however it is written: --sun -135,30,900 or --nodata -3.4e38
     for at in range(len(words) - 1, 0, -1):

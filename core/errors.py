@@ -9,6 +9,8 @@ import threading
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 
+STOPS = signal.SIGINT, signal.SIGTERM, signal.SIGHUP  # what ends a run: Ctrl-C, a scheduler, a terminal that closes
+
 
 class InputError(ValueError):
     """A wrong input, said in one sentence: parameter, constraint, value received, what to do.
@@ -99,13 +101,18 @@ def finishing() -> Iterator[list]:
 
     def note(number, _):
         came.append(number)
-        signal.signal(signal.SIGINT, before)
+        restore()
 
-    before = signal.signal(signal.SIGINT, note)
+    def restore():
+        for which, handler in before.items():
+            signal.signal(which, handler)
+
+    # Only those that would raise
+    before = {which: signal.signal(which, note) for which in STOPS if callable(signal.getsignal(which))}
     try:
         yield came
     finally:
-        signal.signal(signal.SIGINT, before)
+        restore()
 
 
 @contextmanager

@@ -96,7 +96,7 @@ def check_scene(name: str) -> None:
         hint = suggest(name, known) or f": built in are {', '.join(known)}"
         raise InputError(f"scene '{name}' is neither a file nor built in{hint}")
     if not path.is_file():
-        raise InputError(f"{name}: file does not exist")
+        raise InputError(f"{name}: {'is a folder' if path.is_dir() else 'file does not exist'}")
     if path.suffix.lower() != ".xml":
         raise InputError(f"{name}: must be a Mitsuba XML file, ending in .xml")
 

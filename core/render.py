@@ -19,6 +19,8 @@ from .inputs import check_scene, load_integrator, load_scene, parse_settings, se
 from .maps import class_colours, heat
 from .report import Report
 
+PREVIEWS = ".png", ".class.png", ".rays.png"
+
 
 def command(options: argparse.Namespace, line: str) -> int:
     """Render what the options say, write the files, print the report and return 0; 130 if interrupted meanwhile.
@@ -38,6 +40,8 @@ def command(options: argparse.Namespace, line: str) -> int:
     check_scene(options.scene)
     default = f"{Path(options.scene).stem}.exr"
     output = check_writable(default if options.output is None else options.output, ".exr")
+    for suffix in PREVIEWS if options.png else ():
+        check_writable(output.with_suffix(suffix), ".png")
     parameters, scene_parameters = parse_settings(options.settings)
     if options.aovs:
         parameters["aovs"] = True
@@ -117,14 +121,15 @@ def write_previews(output: Path, layers: dict[str, np.ndarray]) -> None:
     picture = layers.get("rgb", layers.get("Y"))
     if picture is None:
         raise InputError("'--png' needs a film of colours or luminance (this film has other channels)")
-    write_png(output.with_suffix(".png"), picture)
+    whole, classes, spent = (output.with_suffix(suffix) for suffix in PREVIEWS)
+    write_png(whole, picture)
     if "visibility.class" in layers:
-        write_png(output.with_suffix(".class.png"), class_colours(layers["visibility.class"]))
+        write_png(classes, class_colours(layers["visibility.class"]))
     if "rays.shadow" in layers:
         rays = layers["rays.shadow"]
         # Budgets span orders of magnitude, so the scale is logarithmic, up to the pixel that got most.
         scale = max(float(np.log1p(rays.max())), 1e-9)
-        write_png(output.with_suffix(".rays.png"), heat(np.log1p(rays) / scale))
+        write_png(spent, heat(np.log1p(rays) / scale))
 
 
 def _named(image: np.ndarray, film: Any, integrator: Any) -> dict[str, np.ndarray]:

@@ -38,7 +38,8 @@ def smooth(total, image, grid):
     # Of each half its light and what it would be without shadows, and the shadow ratios' noise
     brights, straights = total.halves(total.bright), total.halves(total.straight)
     lights = [a - b for a, b in zip(total.halves(), straights, strict=True)]
-    level = mi.luminance(image)
+    # Rounding leaves some pixels that no light reaches a little below nought
+    level = dr.abs(mi.luminance(image))
     sampled = dr.select(hits >= 2, mi.Float(1), mi.Float(0))
     around, whole = window_sum([sampled, dr.full(mi.Float, 1, frame.pixels)], frame.width, frame.height)
     known = (hits >= 2) & grid.inner & (around >= SAMPLED * whole)

@@ -100,6 +100,12 @@ def test_render_of_a_built_in_scene_with_parameters():
     assert sorted(p for p in os.listdir() if p.startswith("p.")) == ["p.exr", "p.png"]
 
 
+def test_pictures_are_checked_before_rendering(folder, capsys):
+    (folder / "p.class.png").mkdir()
+    assert "the folder p.class.png" in refused(capsys, "render", "ball.xml", "-o", "p.exr", "--png")
+    assert "is a folder" in refused(capsys, "render", str(folder))
+
+
 def test_render_with_an_xml_files_own_parameter():
     assert main(["render", "ball.xml", "--integrator", "direct", "--set", "scene.width=20"]) == 0
     assert read_exr("ball.exr")[0]["rgb"].shape == (8, 20, 3)

@@ -77,6 +77,16 @@ def test_one_interruption_waits_until_files_are_written():
         os.kill(os.getpid(), signal.SIGINT)
         done.append("more")
     assert done == ["whole"]
+    # Others that end a run are held back alike, where they would end it by raising
+    before = signal.signal(signal.SIGTERM, signal.default_int_handler)
+    try:
+        with finishing() as came:
+            os.kill(os.getpid(), signal.SIGTERM)
+        assert came == [signal.SIGTERM]
+        with pytest.raises(KeyboardInterrupt):
+            os.kill(os.getpid(), signal.SIGTERM)
+    finally:
+        signal.signal(signal.SIGTERM, before)
     # Afterwards the first counts again
     with pytest.raises(KeyboardInterrupt):
         os.kill(os.getpid(), signal.SIGINT)

@@ -435,7 +435,8 @@ def test_an_interruption_keeps_no_half_sums(here, capsys, monkeypatch, product):
     assert capsys.readouterr().err == "intervis: interrupted\n"
 
 
-def test_control_c(here):
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+def test_control_c(here, number):
     """A real signal, sent once the first direction has been reported, ends the run early with what there is."""
     dem(size=200)
     program = (
@@ -452,7 +453,7 @@ def test_control_c(here):
         "    return both\n"
         "command._Progress._task = told\n"
         "from intervis.cli import main\n"
-        "sys.exit(main(sys.argv[1:]))\n"
+        "sys.exit(main())\n"
     )
     words = ["heightfield", "dem.npz", "--products", "horizons", "--azimuths", "360", "-o", "out.npz"]
     process = subprocess.Popen(
@@ -466,7 +467,7 @@ def test_control_c(here):
     try:
         # The program waits after its fourth direction, so the signal comes before the end whatever the machine
         assert process.stdout.readline() == "finished 1\n"
-        process.send_signal(signal.SIGINT)
+        process.send_signal(number)
         out, err = process.communicate(timeout=120)
     finally:
         process.kill()

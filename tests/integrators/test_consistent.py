@@ -213,6 +213,13 @@ def test_shadows_of_two_colours_stay_apart(variant_llvm, kit):
     assert shared < 2 * plain
 
 
+def test_pixels_that_no_light_reaches(variant_llvm):
+    # Rounding leaves one of them below nought, with hardly any light even without shadows
+    scene = mi.load_dict(load("smalllight", width=480, height=270))
+    plugin = mi.load_dict({"type": "visdirect", "mode": "consistent"})
+    assert np.isfinite(np.array(mi.render(scene, integrator=plugin, spp=64, seed=2))).all()
+
+
 def test_bias_vanishes(variant_llvm):
     scene, truth = scene_and_truth("fence")
     few, many = (errors(scene, truth, "consistent", spp, seeds)[1] for spp, seeds in ((8, 16), (256, 4)))
