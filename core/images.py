@@ -123,8 +123,15 @@ def read_exr(path: str | os.PathLike) -> tuple[dict[str, np.ndarray], dict[str, 
 @contextmanager
 def _silence() -> Iterator[None]:
     """Drop what OpenEXR prints about damaged files, from C++ and from Python, beside what it raises."""
-    sys.stderr.flush()
-    kept, null = os.dup(2), os.open(os.devnull, os.O_WRONLY)
+    try:
+        kept = os.dup(2)
+    except OSError:
+        # There is nowhere to print to
+        yield
+        return
+    null = os.open(os.devnull, os.O_WRONLY)
+    if sys.stderr is not None:
+        sys.stderr.flush()
     try:
         os.dup2(null, 2)
         with redirect_stdout(io.StringIO()):

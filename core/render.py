@@ -40,8 +40,6 @@ def command(options: argparse.Namespace, line: str) -> int:
     check_scene(options.scene)
     default = f"{Path(options.scene).stem}.exr"
     output = check_writable(default if options.output is None else options.output, ".exr")
-    for suffix in PREVIEWS if options.png else ():
-        check_writable(output.with_suffix(suffix), ".png")
     parameters, scene_parameters = parse_settings(options.settings)
     if options.aovs:
         parameters["aovs"] = True
@@ -49,6 +47,10 @@ def command(options: argparse.Namespace, line: str) -> int:
         parameters["threshold"] = options.threshold
     set_variant(options.variant, options.integrator)
     integrator = load_integrator(options.integrator, parameters)
+    if options.png:
+        # Maps are drawn of layers only
+        for suffix in PREVIEWS if integrator.aov_names() else PREVIEWS[:1]:
+            check_writable(output.with_suffix(suffix), ".png")
     scene = load_scene(options.scene, scene_parameters)
 
     with _status(f"rendering {options.scene}"), mitsuba_errors("cannot render: "):

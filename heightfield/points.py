@@ -253,7 +253,7 @@ def lamplight(heights, spacing, lamps, places, n: np.ndarray, channels: int, cur
 
 
 def lamps_of(lamps) -> list[tuple]:
-    """Return point lights checked: a list of (x, y, z, intensity), that an array of one number or one a channel."""
+    """Return point lights checked: a list of (x, y, z, (1,) or (channels,) intensity)."""
     out = []
     if not listed(lamps):
         raise InputError(f"'lamps' must be a list of (x, y, z, intensity) (got {shown(lamps)})")

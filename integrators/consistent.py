@@ -58,8 +58,8 @@ def smooth(total, image, grid):
     ratio = _ratio(*(a + b for a, b in zip(*halves, strict=True)))
     # What light differs by between halves, and what it would if shared, each over brightness
     scale = dr.rcp(dr.maximum(mi.luminance(bright), 1e-30))
-    own, left = (lights[0] - lights[1]) * scale, (brights[0] - brights[1]) * ratio * scale
-    trust = _benefit(frame, *ratios, *(_ratio(*half) for half in halves), own, left)
+    own, shared = (lights[0] - lights[1]) * scale, (brights[0] - brights[1]) * ratio * scale
+    trust = _benefit(frame, *ratios, *(_ratio(*half) for half in halves), own, shared)
     w = total.decision.pilot_weight
     pilot = total.pilot.value + total.decision.mean * total.pilot.control + total.pilot.emission
     out = (dr.lerp(light, bright * ratio, trust) + 0.5 * (straights[0] + straights[1])) * (1 - w) + pilot * w

@@ -102,8 +102,10 @@ def test_render_of_a_built_in_scene_with_parameters():
 
 def test_pictures_are_checked_before_rendering(folder, capsys):
     (folder / "p.class.png").mkdir()
-    assert "the folder p.class.png" in refused(capsys, "render", "ball.xml", "-o", "p.exr", "--png")
+    assert "the folder p.class.png" in refused(capsys, "render", "ball.xml", "--aovs", "-o", "p.exr", "--png")
     assert "is a folder" in refused(capsys, "render", str(folder))
+    # Without layers no map is drawn
+    assert main(["render", "ball.xml", "--integrator", "direct", "-o", "p.exr", "--png"]) == 0
 
 
 def test_render_with_an_xml_files_own_parameter():

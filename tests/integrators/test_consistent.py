@@ -21,10 +21,15 @@ def errors(scene, truth, mode, spp, seeds, scale=1.0):
     return each, np.sqrt(np.mean((images.mean(0) - truth) ** 2 / (truth**2 + 0.01)))
 
 
+def truth_of(scene, spp):
+    """Return a scene as the unbiased mode renders it with many samples."""
+    plugin = mi.load_dict({"type": "visdirect"})
+    return np.array(mi.render(scene, integrator=plugin, spp=spp, seed=1000), dtype=np.float64)
+
+
 def scene_and_truth(name):
     scene = mi.load_dict(load(name, width=120, height=68))
-    truth = mi.render(scene, integrator=mi.load_dict({"type": "visdirect"}), spp=2048, seed=1000)
-    return scene, np.array(truth, dtype=np.float64)
+    return scene, truth_of(scene, 2048)
 
 
 def test_pixels_beside_another_surface_are_not_inner(variant_llvm):
@@ -168,7 +173,7 @@ def plate_over(kit, bsdf, half_width, width):
 def test_the_few_pixels_with_halves_do_not_share_among_themselves(variant_llvm, kit):
     # At four samples a pixel only those on the sharp edge of a small lamp's shadow have two hits
     scene = plate_over(kit, {"type": "diffuse"}, 0.05, 128)
-    truth = np.array(mi.render(scene, integrator=mi.load_dict({"type": "visdirect"}), spp=1024, seed=99), np.float64)
+    truth = truth_of(scene, 1024)
     # So bright that what leaks into the umbra shows
     plain, shared = (errors(scene, truth, mode, 4, 6, scale=10 / truth.mean())[0] for mode in ("unbiased", "consistent"))
     assert shared < 2 * plain
@@ -192,7 +197,7 @@ def test_light_that_nobody_sees_brings_no_noise(variant_llvm, kit):
     # Where it is hidden it is seldom asked, so what it would add is noisy while the light that is there is not
     lamps = {"near": kit.lamp(2.0), "far": lamp_at(kit, [-1.5, 1.2, 0], 0.05, 60.0)}
     scene = mi.load_dict(kit.room(lights=lamps, camera=kit.sensor(origin=(0, 3, 3.5), size=64)))
-    truth = np.array(mi.render(scene, integrator=mi.load_dict({"type": "visdirect"}), spp=4096, seed=99), np.float64)
+    truth = truth_of(scene, 4096)
     plain, shared = (errors(scene, truth, mode, 16, 8)[0] for mode in ("unbiased", "consistent"))
     assert shared < plain
 
@@ -208,7 +213,7 @@ def test_shadows_of_two_colours_stay_apart(variant_llvm, kit):
     bar["to_world"] = bar["to_world"] @ mi.ScalarTransform4f().scale([0.125, 3, 1])
     camera = kit.sensor(origin=(0, 0.4, 2), target=(0, 0, 0.3), fov=50, size=128, height=96)
     scene = mi.load_dict(kit.room(lights=lamps, bsdf=grey, blocker=False, camera=camera, bar=bar))
-    truth = np.array(mi.render(scene, integrator=mi.load_dict({"type": "visdirect"}), spp=4096, seed=99), np.float64)
+    truth = truth_of(scene, 4096)
     plain, shared = (errors(scene, truth, mode, 64, 3)[0] for mode in ("unbiased", "consistent"))
     assert shared < 2 * plain
 
