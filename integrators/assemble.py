@@ -316,7 +316,7 @@ class Totals:
             "bsdf": total(self.reflected) + total(self.pilot.reflected),
         }
         label, hits = np.array(d.label), np.array(d.hits)
-        missed = np.array(self.pilot.alpha) == 0
+        missed = ~np.any(np.array(self.pilot.normal), axis=0)
         skipped = {
             "provably visible": total(self.spared),
             "no contribution": max(planned - total(self.spared) - rays["refinement"], 0),

@@ -8,7 +8,10 @@ import mitsuba as mi
 
 @dr.syntax
 def indirect(shading, si, seed, index, s, salt):
-    """Estimate the light that reaches a first hit from other surfaces, direct light excluded.
+    """Estimate the light that reaches a first hit from other surfaces, direct light excluded; and whether it covers a pixel.
+
+    As in Mitsuba's ``path``, a pixel is covered where a path does more than pass straight through (masks, ``null``), and
+    everywhere before an environment that is shown. One that is hidden stays hidden behind surfaces passed straight through.
 
     Parameters
     ----------
@@ -21,7 +24,9 @@ def indirect(shading, si, seed, index, s, salt):
 
     Returns
     -------
-    mi.Spectrum
+    value : mi.Spectrum
+    covered : mi.Float
+        Alpha, 0 or 1.
     """
     scene = shading.scene
     a, b = mi.sample_tea_32(index, seed * 2 + salt, 4)
@@ -31,12 +36,16 @@ def indirect(shading, si, seed, index, s, salt):
 
     # Leave the first hit; what this ray meets first is an emitter already accounted for, or the second vertex
     bsdf = si.bsdf()
-    active = si.is_valid() & (limit > 2)
+    active = si.is_valid()
     sample, weight = bsdf.sample(
         context, si, rng.next_float32(), mi.Point2f(rng.next_float32(), rng.next_float32()), active
     )
     value, beta, eta = mi.Spectrum(0), mi.Spectrum(weight), mi.Float(sample.eta)
-    active &= dr.any(beta != 0)
+    straight = mi.has_flag(sample.sampled_type, mi.BSDFFlags.Null)
+    covered = active & ~straight
+    if dr.hint(not shading.hide and scene.environment() is not None, mode="scalar"):
+        covered |= True
+    active &= dr.any(beta != 0) & (straight | (limit > 2))
     ray = si.spawn_ray(si.to_world(sample.wo))
     depth = mi.UInt32(1)
     first, pdf, delta = mi.Bool(True), mi.Float(1), mi.Bool(True)
@@ -48,7 +57,10 @@ def indirect(shading, si, seed, index, s, salt):
         ds = mi.DirectionSample3f(scene, hit, previous)
         p = scene.pdf_emitter_direction(previous, ds, active & ~delta & ~first)
         mis = dr.select(delta, 1, dr.square(pdf) / dr.maximum(dr.square(pdf) + dr.square(p), 1e-30))
-        value += dr.select(first, 0, beta * emitter.eval(hit, active) * mis)
+        hidden = first
+        if dr.hint(shading.hide, mode="scalar"):
+            hidden |= straight & ~hit.is_valid()
+        value += dr.select(hidden, 0, beta * emitter.eval(hit, active) * mis)
 
         here = active & hit.is_valid() & (depth + 1 < limit)
         bsdf = hit.bsdf(ray)
@@ -69,6 +81,8 @@ def indirect(shading, si, seed, index, s, salt):
         beta *= weight
         eta *= sample.eta
         pdf, delta = mi.Float(sample.pdf), mi.has_flag(sample.sampled_type, mi.BSDFFlags.Delta)
+        straight &= mi.has_flag(sample.sampled_type, mi.BSDFFlags.Null)
+        covered |= active & hit.is_valid() & ~straight
         previous = mi.Interaction3f(hit)
         depth = depth + 1
         first = mi.Bool(False)
@@ -77,4 +91,4 @@ def indirect(shading, si, seed, index, s, salt):
         roulette = depth >= shading.rr_depth
         active = here & dr.any(beta != 0) & (~roulette | (rng.next_float32() < survive))
         beta = dr.select(roulette, beta / dr.maximum(survive, 1e-20), beta)
-    return dr.select(dr.all(dr.isfinite(value)), value, 0)
+    return dr.select(dr.all(dr.isfinite(value)), value, 0), dr.select(covered, mi.Float(1), mi.Float(0))

@@ -37,7 +37,7 @@ class Decision:
     pilot_weight: object = None  # mi.Float, weight of the pilot's own estimate
 
 
-def decide(pilot, frame, classifier: str, grid: int, named: bool, refinement: bool, left=1.0) -> Decision:
+def decide(pilot, frame, classifier: str, grid: int, named: bool, refinement: bool, left=1.0, alpha=None) -> Decision:
     """Classify each pixel's light from its neighbours' pilots, and predict the error of one more hit.
 
     Parameters
@@ -54,6 +54,8 @@ def decide(pilot, frame, classifier: str, grid: int, named: bool, refinement: bo
         Mark pixels whose light cells disagree for refinement.
     left : mi.Float, optional
         Share of the standard error of light samples that is left where pixels share.
+    alpha : mi.Float, optional
+        What the pilots covered, for films that want alpha: outlines need hits even where they are dark.
 
     Returns
     -------
@@ -97,11 +99,14 @@ def decide(pilot, frame, classifier: str, grid: int, named: bool, refinement: bo
     one = mi.Float(dr.full(mi.Float, 1, frame.pixels))
     looks += [pilot.noise + 0 * one, dr.select(pilot.proven > 0, mi.Float(1), mi.Float(0)) + 0 * one]
     probe = [] if pilot.probe_bright is None else [pilot.probe_bright, pilot.probe_emission]
+    cover = [] if alpha is None else [alpha]
     moments = _moments(*probe) if probe else [mi.Float(0)] * 5
-    count, noise, proven = mi.Float(0), mi.Float(0), mi.Float(0)
-    for (b, e, n, p, *other), inside in cells.neighbors(looks + probe, frame.width, frame.height):
+    count, noise, proven, covered = mi.Float(0), mi.Float(0), mi.Float(0), mi.Float(0)
+    for (b, e, n, p, *other), inside in cells.neighbors(looks + cover + probe, frame.width, frame.height):
         count += dr.select(inside, one, 0)
         noise, proven = noise + n, proven + p
+        if cover:
+            covered += other.pop(0)
         for pair in ((b, e), other) if probe else ((b, e),):
             moments = [m + v for m, v in zip(moments, _moments(*pair), strict=True)]
     alone = count == 0
@@ -124,7 +129,10 @@ def decide(pilot, frame, classifier: str, grid: int, named: bool, refinement: bo
     light -= proven * doubt
     light /= dr.power(mi.Float(rays), 1.3)
     # A film of one pixel has no neighbours to tell
-    error, need = (dr.sqrt((camera + share * share * light) / (level * level + 0.01)) for share in (1.0, left))
+    error, need = ((camera + share * share * light) / (level * level + 0.01) for share in (1.0, left))
+    covered /= dr.maximum(count, 1)
+    edge = covered * (1 - covered)
+    error, need = (dr.sqrt(dr.maximum(x, edge)) for x in (error, need))
     error, need = (dr.select(alone | ~dr.isfinite(x), 1, x) for x in (error, need))
     return Decision(label, guess, mask, mean, refine, rays, error, need, near_seen[2:], near_tried[2:])
 

@@ -174,8 +174,10 @@ def pilot(shading: Shading, frame: Frame, seed, rays: int, probe: bool) -> Pilot
         control = dr.select(plain & ~surface.follow & ~proven, whole - all_sum, 0)
         bright, noise = dr.select(plain, whole, bright), dr.select(plain, 0, noise)
         lit_sum = dr.select(proven, whole, lit_sum)
-    if dr.hint(shading.depth != 2, mode="scalar"):
-        emission += indirect(shading, si, seed, index, s, mi.UInt32(0))
+    covered = dr.select(si.is_valid(), mi.Float(1), mi.Float(0))
+    if dr.hint(shading.path, mode="scalar"):
+        further, covered = indirect(shading, si, seed, index, s, mi.UInt32(0))
+        emission += further
     lam = ray.wavelengths
     hit = si.is_valid()
     return Pilot(
@@ -185,7 +187,7 @@ def pilot(shading: Shading, frame: Frame, seed, rays: int, probe: bool) -> Pilot
         noise,
         rays,
         to_rgb(emission * weight, lam),
-        dr.select(hit, mi.Float(1), mi.Float(0)),
+        covered,
         position,
         dr.select(hit, surface.facing(), 0),
         dr.select(hit, si.p, 0),
@@ -261,8 +263,8 @@ def spend(shading: Shading, frame: Frame, seed, index, s, look: Pilot, decision,
     -------
     colour, bright, straight : mi.Color3f
         Light at the hit; what it would be without shadows; the part that shadows cannot change.
-    hit : mi.Float
-        1 where a surface was hit.
+    covered : mi.Float
+        Alpha: 1 where a surface was hit, in paths where one did more than let the ray pass.
     position : mi.Point2f
         Film position.
     traced, spared, reflected : mi.UInt32
@@ -302,14 +304,16 @@ def spend(shading: Shading, frame: Frame, seed, index, s, look: Pilot, decision,
         proven = _proven(shading, look, index, surface)
         known, unshadowed, further, spared = rectangle_light(surface, guess, mask, mean, some, s, keys, refine, proven)
         value, full, traced = value + known, full + unshadowed, traced + further
-    if dr.hint(shading.depth != 2, mode="scalar"):
-        emission += indirect(shading, si, seed, index, s, mi.UInt32(1))
+    covered = dr.select(si.is_valid(), mi.Float(1), mi.Float(0))
+    if dr.hint(shading.path, mode="scalar"):
+        further, covered = indirect(shading, si, seed, index, s, mi.UInt32(1))
+        emission += further
     lam = ray.wavelengths
     return (
         to_rgb((value + emission) * weight, lam),
         to_rgb(full * weight, lam),
         to_rgb(emission * weight, lam),
-        dr.select(si.is_valid(), mi.Float(1), mi.Float(0)),
+        covered,
         position,
         traced,
         spared,

@@ -53,6 +53,8 @@ class Shading:
         Mitsuba's ``max_depth`` (2: direct light only) and ``rr_depth``.
     hide : bool
         Do not show emitters to the camera.
+    path : bool
+        Follow paths beyond the first hit, with ``path``'s conventions of what covers a pixel.
     """
 
     scene: object
@@ -67,6 +69,7 @@ class Shading:
     depth: int = 2
     rr_depth: int = 5
     hide: bool = False
+    path: bool = False
 
 
 def _is_lambertian(bsdf) -> bool:
@@ -178,6 +181,9 @@ class Surface:
         next_si = scene.ray_intersect(si.spawn_ray(si.to_world(sample.wo)), active)
         emitter = next_si.emitter(scene, active)
         ds = mi.DirectionSample3f(scene, next_si, si)
+        if dr.hint(self.shading.path and self.shading.hide, mode="scalar"):
+            # An environment that is hidden stays so behind surfaces passed straight through
+            active &= next_si.is_valid() | ~mi.has_flag(sample.sampled_type, mi.BSDFFlags.Null)
         value = dr.select(active & (emitter != None), weight * emitter.eval(next_si, active), 0)  # noqa: E711
         delta = mi.has_flag(sample.sampled_type, mi.BSDFFlags.Delta)
         density = emitter.pdf_direction(si, ds, active & ~delta)

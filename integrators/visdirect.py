@@ -131,7 +131,7 @@ def define(base):
             film.prepare(self.aov_names())
             shading = prepare(scene)
             shading.integrator, shading.grid, shading.hide = self, self.grid, self.hide_emitters
-            shading.depth, shading.rr_depth = self.depth, self.rr_depth
+            shading.depth, shading.rr_depth, shading.path = self.depth, self.rr_depth, isinstance(self, VisPath)
             dr.make_opaque(seed)
 
             # Look: one hit and up to four shadow rays a pixel, within a small share of the budget
@@ -152,9 +152,12 @@ def define(base):
             if shared and film.rfilter().is_box_filter():
                 left = dr.select(shared.inner, mi.Float(consistent.LEFT), 1)
             refine = self.refine and shading.lambert
-            decision = decide(look, frame, self.classifier, self.grid, self.aovs, refine, left)
+            alpha = look.alpha if mi.has_flag(film.flags(), mi.FilmFlags.Alpha) else None
+            decision = decide(look, frame, self.classifier, self.grid, self.aovs, refine, left, alpha)
             dr.eval(vars(decision))
-            budget = frame.pixels * max(2 * spp - 1 - pilot_rays - probe, 0) if shading.lights.count else 0
+            # Without lights only outlines are worth rays
+            wanted = shading.lights.count > 0 or alpha is not None
+            budget = frame.pixels * max(2 * spp - 1 - pilot_rays - probe, 0) if wanted else 0
             most = self.max_rays if self.limited else min(max(self.max_rays, 32 * spp), MOST)
             allocate(decision, frame, seed, budget, most, pilot_rays, self.threshold)
             dr.eval(decision.hits, decision.pilot_weight)

@@ -259,15 +259,6 @@ def test_hidden_emitters(kit, sky):
     kit.compare(kit.room(lights, camera=camera), both={"hide_emitters": True})
 
 
-def test_alpha_under_a_sky(kit):
-    scene = mi.load_dict(kit.room({"sky": EMITTERS["constant"]()}, camera=kit.sensor(film={"pixel_format": "rgba"})))
-    ours, theirs = (
-        np.array(mi.render(scene, integrator=mi.load_dict({"type": t}), spp=64))[..., 3] for t in ("visdirect", "direct")
-    )
-    np.testing.assert_allclose(ours, theirs, atol=0.3)
-    assert abs(ours.mean() - theirs.mean()) < 0.01
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("variant", ["llvm_ad_mono", "llvm_ad_spectral"])
 @pytest.mark.parametrize("name", ["rectangle", "sphere", "all"])
