@@ -84,3 +84,10 @@ def test_outlines_in_the_dark(kit, lit):
     reference = alpha("direct", 4096)
     ours, theirs = (np.sqrt(np.mean((alpha(t, 32) - reference) ** 2)) for t in ("visdirect", "direct"))
     assert ours < theirs
+
+
+@pytest.mark.slow
+def test_light_of_a_mask_before_nothing(kit):
+    """Mitsuba's `path` drops it whenever the ray goes straight on; its `prb` does not."""
+    scene = kit.room(blocker=False, ball={"type": "sphere", "center": [0, 0.5, 0.2], "radius": 0.4, "bsdf": SURFACES["mask"]})
+    kit.compare(scene, "prb", "vispath", both={"max_depth": 4}, reference_spp=64)
