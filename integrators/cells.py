@@ -76,6 +76,11 @@ def window_sum(values: list, width: int, height: int, radius: int = RADIUS) -> l
     return [t - v for t, v in zip(total, values, strict=True)]
 
 
+def total(words: list):
+    """Add up packed 8-bit counters, which are at most 255 together in a word."""
+    return sum((mi.UInt32((w * mi.UInt64(0x0101010101010101)) >> mi.UInt64(56)) for w in words), mi.UInt32(0))
+
+
 def neighbors(values: list, width: int, height: int):
     """Yield float images at each of a pixel's eight neighbours, nought beyond the border, and whether there is one."""
     index = dr.arange(mi.UInt32, width * height)

@@ -11,12 +11,14 @@ from __future__ import annotations
 import drjit as dr
 import mitsuba as mi
 
-from .cells import window_sum
+from . import cells
 from .share import SLOPE, TURN, share
 
 WHOLE = 0.5  # variance of the whole over that of its half
 SAMPLED = 0.8  # share of the pixels around that must have halves to compare
 LEFT = 0.5  # of a pixel's standard error, after sharing: so much less is spent where pixels may share
+SHARP = 0.6  # how sharp a shadow's edge may be before nothing is left to share
+SURE = 8  # hits that are enough to tell on such edges who is alike
 
 
 def smooth(total, image, grid):
@@ -40,15 +42,13 @@ def smooth(total, image, grid):
     lights = [a - b for a, b in zip(total.halves(), straights, strict=True)]
     # Rounding leaves some pixels that no light reaches a little below nought
     level = dr.abs(mi.luminance(image))
-    sampled = dr.select(hits >= 2, mi.Float(1), mi.Float(0))
-    around, whole = window_sum([sampled, dr.full(mi.Float, 1, frame.pixels)], frame.width, frame.height)
-    known = (hits >= 2) & grid.inner & (around >= SAMPLED * whole)
+    known = grid.shares(hits)
     for bright in brights:
         known &= mi.luminance(bright) > 0.01 * level
     lights, brights = ([dr.select(known, v, 0) for v in pair] for pair in (lights, brights))
     ratios = [_ratio(*pair) for pair in zip(lights, brights, strict=True)]
     values = [dr.squared_norm(ratios[0] - ratios[1]) * 0.5, dr.select(known, mi.Float(1), mi.Float(0))]
-    near = window_sum(values, frame.width, frame.height, 1)
+    near = cells.window_sum(values, frame.width, frame.height, 1)
     noise = (near[0] + values[0]) / dr.maximum(near[1] + values[1], 1)
     dr.eval(lights, brights, ratios, noise, known)
     if not dr.any(known & (noise > 0)):
@@ -78,9 +78,13 @@ class Grid:
     ----------
     inner : mi.Bool
         Whether a pixel and its four neighbours are on one surface, as far as one look at each tells.
+    sharp : mi.Float
+        How much visibility differs from one side of a pixel to the other, squared, as a share of all that it varies by:
+        about 1 where the edge of a shadow runs through the pixel that is too sharp for neighbours to share.
     """
 
     def __init__(self, frame, pilot):
+        self.frame = frame
         self.width, self.height = dr.opaque(mi.Int32, frame.width), dr.opaque(mi.Int32, frame.height)
         index = dr.arange(mi.Int32, frame.pixels)
         self.x, self.y = index % self.width, index // self.width
@@ -90,7 +94,42 @@ class Grid:
         for u, v in ((1, 0), (0, 1), (-1, 0), (0, -1)):
             other, inside = self.at(u, v)
             self.inner &= self.alike(other, inside) | ~inside
-        dr.eval(self.inner)
+        self.sharp = self._sharpness(pilot)
+        dr.eval(self.inner, self.sharp)
+
+    def shares(self, hits):
+        """Whether pixels of so many hits take part: they have halves to compare, and so have most around them.
+
+        On a sharp edge of a shadow few hits happen to agree with those across it.
+        """
+        sampled, frame = dr.select(hits >= 2, mi.Float(1), mi.Float(0)), self.frame
+        around, whole = cells.window_sum([sampled, dr.full(mi.Float, 1, frame.pixels)], frame.width, frame.height)
+        enough = dr.select(self.sharp < SHARP, mi.UInt32(2), mi.UInt32(SURE))
+        return (hits >= enough) & self.inner & (around >= SAMPLED * whole)
+
+    def left(self):
+        """Return the share of a pixel's standard error that counts: `LEFT` where pixels share, and 1 where they cannot."""
+        return dr.select(self.inner, dr.lerp(mi.Float(LEFT), 1, dr.minimum(self.sharp / SHARP, 1)), 1)
+
+    def _sharpness(self, pilot):
+        # From the neighbours' pilots alone, as all decisions are
+        seen, tried = (mi.Float(cells.total(words)) for words in (pilot.seen, pilot.tried))
+        dr.eval(seen, tried)
+        # West, east, north, south and all around
+        sums = [[mi.Float(0), mi.Float(0)] for _ in range(5)]
+        reach = range(-cells.RADIUS, cells.RADIUS + 1)
+        for u, v in ((u, v) for v in reach for u in reach if u or v):
+            other, inside = self.at(u, v)
+            pair = [dr.gather(mi.Float, x, other, inside) for x in (seen, tried)]
+            for k, member in enumerate((u < 0, u > 0, v < 0, v > 0, True)):
+                if member:
+                    sums[k] = [s + p for s, p in zip(sums[k], pair, strict=True)]
+        west, east, north, south, mean = (s / dr.maximum(n, 1) for s, n in sums)
+        # What nobody asked has no edge
+        asked = [n > 0 for _, n in sums]
+        gaps = (dr.select(asked[k] & asked[k + 1], dr.square(a - b), 0) for k, a, b in ((0, west, east), (2, north, south)))
+        # As a share of all that visibility varies by: 1 where an edge runs through the pixel
+        return sum(gaps) / dr.maximum(4 * mean * (1 - mean), 1e-3)
 
     def at(self, u, v):
         """Return the number of the pixel ``u`` to the right and ``v`` below, and whether there is one."""
@@ -114,7 +153,7 @@ def _benefit(frame, a, b, shared_a, shared_b, x, y):
     shared = 0.5 * (dr.squared_norm(shared_a - b) + dr.squared_norm(shared_b - a))
     # (1 - t) x + t y is least on average at t = <x (x - y)> / <(x - y)²>
     values = [own, shared, dr.dot(x, x - y), dr.squared_norm(x - y)]
-    near = window_sum(values, frame.width, frame.height)
+    near = cells.window_sum(values, frame.width, frame.height)
     near_own, near_shared, less, apart = (n + v for n, v in zip(near, values, strict=True))
     gain = 1 - near_shared / dr.maximum(near_own, 1e-20)
     # A perfect value still misses the other half's noise: at best the error halves. What it misses beyond that is the

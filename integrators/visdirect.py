@@ -150,7 +150,7 @@ def define(base):
                 shared = consistent.Grid(frame, look)
             # Under a wide filter sharing takes away less
             if shared and film.rfilter().is_box_filter():
-                left = dr.select(shared.inner, mi.Float(consistent.LEFT), 1)
+                left = shared.left()
             refine = self.refine and shading.lambert
             alpha = look.alpha if mi.has_flag(film.flags(), mi.FilmFlags.Alpha) else None
             decision = decide(look, frame, self.classifier, self.grid, self.aovs, refine, left, alpha)
@@ -160,6 +160,10 @@ def define(base):
             budget = frame.pixels * max(2 * spp - 1 - pilot_rays - probe, 0) if wanted else 0
             most = self.max_rays if self.limited else min(max(self.max_rays, 32 * spp), MOST)
             allocate(decision, frame, seed, budget, most, pilot_rays, self.threshold)
+            if shared is not None:
+                # Where too few around are likely to have halves nothing is shared, and the whole error counts
+                decision.need = dr.select(shared.shares(decision.hits), decision.need, decision.error)
+                allocate(decision, frame, seed, budget, most, pilot_rays, self.threshold)
             dr.eval(decision.hits, decision.pilot_weight)
             clock.lap("classification")
 

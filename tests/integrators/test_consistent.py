@@ -42,13 +42,44 @@ def test_pixels_beside_another_surface_are_not_inner(variant_llvm):
     point[:, 5:, 0] = 5
     point[:, 5:, 2] = np.arange(3)
     point[2, 2, 2] = -3
-    pilot = SimpleNamespace(normal=mi.Vector3f(normal.reshape(-1, 3).T), point=mi.Point3f(point.reshape(-1, 3).T))
+    dark = [mi.UInt64(np.zeros(width * height, np.uint64))] * 2
+    pilot = SimpleNamespace(
+        normal=mi.Vector3f(normal.reshape(-1, 3).T), point=mi.Point3f(point.reshape(-1, 3).T), seen=dark, tried=dark
+    )
     grid = consistent.Grid(SimpleNamespace(width=width, height=height, pixels=width * height), pilot)
     inner = np.ones((height, width), bool)
     inner[:, 4:6] = False
     for row, column in ((2, 2), (1, 2), (3, 2), (2, 1), (2, 3)):
         inner[row, column] = False
     np.testing.assert_array_equal(np.array(grid.inner).reshape(height, width), inner)
+
+
+def test_sharp_edges_of_shadows_leave_nothing_to_share(variant_llvm):
+    # An even floor, four of four rays seen left of column 4, none from there on
+    width, height = 9, 7
+    y, x = np.mgrid[:height, :width]
+    four = np.full(x.size, 0x01010101, np.uint64)
+    pilot = SimpleNamespace(
+        normal=mi.Vector3f(np.stack([0 * x, 0 * x, 0 * x + 1.0]).reshape(3, -1)),
+        point=mi.Point3f(np.stack([x, y, 0.0 * x]).reshape(3, -1)),
+        seen=[mi.UInt64(np.where(x.ravel() < 4, four, 0)), mi.UInt64(0 * four)],
+        tried=[mi.UInt64(four), mi.UInt64(0 * four)],
+    )
+    grid = consistent.Grid(SimpleNamespace(width=width, height=height, pixels=x.size), pilot)
+    left = np.array(grid.left()).reshape(height, width)[3]
+    # Seen by those around column 2: all in the west, half in the east, 19 of 24 together; and turned round in column 5
+    part = 0.5**2 / (4 * 19 / 24 * 5 / 24)
+    some = consistent.LEFT + (1 - consistent.LEFT) * part / consistent.SHARP
+    expected = [consistent.LEFT, consistent.LEFT, some, 1, 1, some, consistent.LEFT, consistent.LEFT, consistent.LEFT]
+    np.testing.assert_allclose(left, expected, rtol=1e-5)
+
+
+def test_narrow_penumbrae_lose_nothing(variant_llvm):
+    """Pixels of which none shares in the end are not sent fewer rays as if they did."""
+    scene = mi.load_dict(load("smalllight", width=160, height=90))
+    truth = truth_of(scene, 512)
+    ours, plain = (errors(scene, truth, mode, 16, 8)[0] for mode in ("consistent", "unbiased"))
+    assert ours < 1.05 * plain
 
 
 def test_equal_pixels_share_alike(variant_llvm):
