@@ -6,6 +6,10 @@ import drjit as dr
 import mitsuba as mi
 
 
+def _finite(value):
+    return dr.select(dr.all(dr.isfinite(value)), value, 0)
+
+
 @dr.syntax
 def indirect(shading, si, seed, index, s, salt):
     """Estimate the light that reaches a first hit from other surfaces, direct light excluded; and whether it covers a pixel.
@@ -60,7 +64,8 @@ def indirect(shading, si, seed, index, s, salt):
         hidden = first
         if dr.hint(shading.hide, mode="scalar"):
             hidden |= straight & ~hit.is_valid()
-        value += dr.select(hidden, 0, beta * emitter.eval(hit, active) * mis)
+        # Densities of what does not shine, such as black environment maps, are not numbers: they add nothing
+        value += _finite(dr.select(hidden, 0, beta * emitter.eval(hit, active) * mis))
 
         here = active & hit.is_valid() & (depth + 1 < limit)
         bsdf = hit.bsdf(ray)
@@ -72,7 +77,7 @@ def indirect(shading, si, seed, index, s, salt):
         lit &= ~scene.ray_test(hit.spawn_ray_to(shading.lights.end(ds, ds.emitter, hit.p)), lit)
         f, q = bsdf.eval_pdf(context, hit, hit.to_local(ds.d), lit)
         mis = dr.select(ds.delta, 1, dr.square(ds.pdf) / dr.maximum(dr.square(ds.pdf) + dr.square(q), 1e-30))
-        value += dr.select(lit, beta * f * weight * mis, 0)
+        value += _finite(dr.select(lit, beta * f * weight * mis, 0))
 
         sample, weight = bsdf.sample(
             context, hit, rng.next_float32(), mi.Point2f(rng.next_float32(), rng.next_float32()), here
@@ -91,4 +96,4 @@ def indirect(shading, si, seed, index, s, salt):
         roulette = depth >= shading.rr_depth
         active = here & dr.any(beta != 0) & (~roulette | (rng.next_float32() < survive))
         beta = dr.select(roulette, beta / dr.maximum(survive, 1e-20), beta)
-    return dr.select(dr.all(dr.isfinite(value)), value, 0), dr.select(covered, mi.Float(1), mi.Float(0))
+    return _finite(value), dr.select(covered, mi.Float(1), mi.Float(0))

@@ -139,3 +139,12 @@ def test_values_of_the_wrong_kind(variant_llvm, settings):
 def test_sample_counts_beyond_what_is_countable(kit):
     with pytest.raises(InputError, match="'spp' must be"):
         mi.load_dict({"type": "visdirect"}).render(mi.load_dict(kit.room()), spp=2**33)
+
+
+def test_paths_under_a_black_environment(kit):
+    """A map of noughts has no density to sample by: it adds nothing, and takes nothing from the lamp's light."""
+    black = {"type": "envmap", "bitmap": mi.Bitmap(np.zeros((4, 8, 3), np.float32))}
+    # Under the lamp a ball that sees much of the sky and of the floor
+    ball = {"type": "sphere", "center": [0.7, 0.9, 0.5], "radius": 0.35}
+    scene = kit.room({"lamp": kit.lamp(), "sky": black}, ball=ball)
+    kit.compare(scene, "path", "vispath", both={"max_depth": 4}, spp=64, reference_spp=256)
