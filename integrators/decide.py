@@ -15,6 +15,7 @@ EXPONENT = 0.75  # hits ∝ (expected relative error)^EXPONENT: below Neyman's 1
 LEAST = 1 / 64  # hits a pixel, however sure of it its neighbours are, as a share of the rays a pixel
 PRIOR = 0.015  # doubt about a cell that looked decided: share of the light that the pilots may have missed
 HIT_COST = 8.0  # cost of a camera hit in shadow rays
+OUTLINE = 0.01  # share of the variance of emitted light within 5×5 pixels that every pixel there is on its guard against
 SMOOTH = 0.3  # where nothing is in the way, light samples vary smoothly: nets leave less of their noise than a ray suggests
 MAX_LOG_RAYS = 3  # at most 8 shadow rays a hit
 
@@ -62,6 +63,7 @@ def decide(pilot, frame, classifier: str, grid: int, named: bool, refinement: bo
     Decision
         With ``hits`` and ``pilot_weight`` still empty.
     """
+    one = mi.Float(dr.full(mi.Float, 1, frame.pixels))
     near = cells.window_sum(pilot.seen + pilot.tried, frame.width, frame.height)
     half = len(near) // 2
     near_seen, near_tried = near[:half], near[half:]
@@ -96,7 +98,6 @@ def decide(pilot, frame, classifier: str, grid: int, named: bool, refinement: bo
     # Noise from inside the pixel (edges, textures) shows as differences between neighbours. Those of this pixel are in no
     # sum of its own; but its probe is, which is in no estimate
     looks = [mi.luminance(pilot.bright), mi.luminance(pilot.emission)]
-    one = mi.Float(dr.full(mi.Float, 1, frame.pixels))
     looks += [pilot.noise + 0 * one, dr.select(pilot.proven > 0, mi.Float(1), mi.Float(0)) + 0 * one]
     probe = [] if pilot.probe_bright is None else [pilot.probe_bright, pilot.probe_emission]
     cover = [] if alpha is None else [alpha]
@@ -132,6 +133,10 @@ def decide(pilot, frame, classifier: str, grid: int, named: bool, refinement: bo
     error, need = ((camera + share * share * light) / (level * level + 0.01) for share in (1.0, left))
     covered /= dr.maximum(count, 1)
     edge = covered * (1 - covered)
+    # Small bright lamps may escape all looks nearby; one hit in few that meets them would stand out
+    *glow, around = cells.window_sum([looks[1], dr.square(looks[1]), one], frame.width, frame.height)
+    e1, e2 = (v / dr.maximum(around, 1) for v in glow)
+    edge = dr.maximum(edge, OUTLINE * dr.maximum(e2 - e1 * e1, 0) / (e1 * e1 + 0.01))
     error, need = (dr.sqrt(dr.maximum(x, edge)) for x in (error, need))
     error, need = (dr.select(alone | ~dr.isfinite(x), 1, x) for x in (error, need))
     return Decision(label, guess, mask, mean, refine, rays, error, need, near_seen[2:], near_tried[2:])
