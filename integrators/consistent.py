@@ -128,7 +128,6 @@ class Grid:
         # What nobody asked has no edge
         asked = [n > 0 for _, n in sums]
         gaps = (dr.select(asked[k] & asked[k + 1], dr.square(a - b), 0) for k, a, b in ((0, west, east), (2, north, south)))
-        # As a share of all that visibility varies by: 1 where an edge runs through the pixel
         return sum(gaps) / dr.maximum(4 * mean * (1 - mean), 1e-3)
 
     def at(self, u, v):

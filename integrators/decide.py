@@ -64,7 +64,9 @@ def decide(pilot, frame, classifier: str, grid: int, named: bool, refinement: bo
         With ``hits`` and ``pilot_weight`` still empty.
     """
     one = mi.Float(dr.full(mi.Float, 1, frame.pixels))
-    near = cells.window_sum(pilot.seen + pilot.tried, frame.width, frame.height)
+    glow = mi.luminance(pilot.emission) + 0 * one
+    values = pilot.seen + pilot.tried + [glow, dr.square(glow), one]
+    *near, glow1, glow2, around = cells.window_sum(values, frame.width, frame.height)
     half = len(near) // 2
     near_seen, near_tried = near[:half], near[half:]
     bins = [4 * row + column for row in range(grid) for column in range(grid)]
@@ -134,8 +136,7 @@ def decide(pilot, frame, classifier: str, grid: int, named: bool, refinement: bo
     covered /= dr.maximum(count, 1)
     edge = covered * (1 - covered)
     # Small bright lamps may escape all looks nearby; one hit in few that meets them would stand out
-    *glow, around = cells.window_sum([looks[1], dr.square(looks[1]), one], frame.width, frame.height)
-    e1, e2 = (v / dr.maximum(around, 1) for v in glow)
+    e1, e2 = (v / dr.maximum(around, 1) for v in (glow1, glow2))
     edge = dr.maximum(edge, OUTLINE * dr.maximum(e2 - e1 * e1, 0) / (e1 * e1 + 0.01))
     error, need = (dr.sqrt(dr.maximum(x, edge)) for x in (error, need))
     error, need = (dr.select(alone | ~dr.isfinite(x), 1, x) for x in (error, need))

@@ -176,8 +176,8 @@ def pilot(shading: Shading, frame: Frame, seed, rays: int, probe: bool) -> Pilot
         lit_sum = dr.select(proven, whole, lit_sum)
     covered = dr.select(si.is_valid(), mi.Float(1), mi.Float(0))
     if dr.hint(shading.path, mode="scalar"):
-        further, covered = indirect(shading, si, seed, index, s, mi.UInt32(0))
-        emission += further
+        beyond, covered = indirect(shading, si, seed, index, s, mi.UInt32(0))
+        emission += beyond
     lam = ray.wavelengths
     hit = si.is_valid()
     return Pilot(
@@ -306,8 +306,8 @@ def spend(shading: Shading, frame: Frame, seed, index, s, look: Pilot, decision,
         value, full, traced = value + known, full + unshadowed, traced + further
     covered = dr.select(si.is_valid(), mi.Float(1), mi.Float(0))
     if dr.hint(shading.path, mode="scalar"):
-        further, covered = indirect(shading, si, seed, index, s, mi.UInt32(1))
-        emission += further
+        beyond, covered = indirect(shading, si, seed, index, s, mi.UInt32(1))
+        emission += beyond
     lam = ray.wavelengths
     return (
         to_rgb((value + emission) * weight, lam),

@@ -74,6 +74,8 @@ def define(base):
             As in Mitsuba.
         """
 
+        path = False  # whether to go on beyond the first hit
+
         def __init__(self, props):
             self.mode = choice("mode", props.get("mode", "unbiased"), ("unbiased", "consistent"))
             self.grid = number("light_grid", props.get("light_grid", 4), 2, 4)
@@ -131,7 +133,7 @@ def define(base):
             film.prepare(self.aov_names())
             shading = prepare(scene)
             shading.integrator, shading.grid, shading.hide = self, self.grid, self.hide_emitters
-            shading.depth, shading.rr_depth, shading.path = self.depth, self.rr_depth, isinstance(self, VisPath)
+            shading.depth, shading.rr_depth, shading.path = self.depth, self.rr_depth, self.path
             dr.make_opaque(seed)
 
             # Look: one hit and up to four shadow rays a pixel, within a small share of the budget
@@ -142,15 +144,15 @@ def define(base):
             clock.lap("pilot")
 
             # Decide
-            shared, left = None, 1.0
+            shared = None
             if self.mode == "consistent" and shading.lights.count:
                 # Not before it is needed: numba takes a while to load
                 from . import consistent
 
                 shared = consistent.Grid(frame, look)
             # Under a wide filter sharing takes away less
-            if shared and film.rfilter().is_box_filter():
-                left = shared.left()
+            trades = shared is not None and film.rfilter().is_box_filter()
+            left = shared.left() if trades else 1.0
             refine = self.refine and shading.lambert
             alpha = look.alpha if mi.has_flag(film.flags(), mi.FilmFlags.Alpha) else None
             decision = decide(look, frame, self.classifier, self.grid, self.aovs, refine, left, alpha)
@@ -160,7 +162,7 @@ def define(base):
             budget = frame.pixels * max(2 * spp - 1 - pilot_rays - probe, 0) if wanted else 0
             most = self.max_rays if self.limited else min(max(self.max_rays, 32 * spp), MOST)
             allocate(decision, frame, seed, budget, most, pilot_rays, self.threshold)
-            if shared is not None:
+            if trades:
                 # Where too few around are likely to have halves nothing is shared, and the whole error counts
                 decision.need = dr.select(shared.shares(decision.hits), decision.need, decision.error)
                 allocate(decision, frame, seed, budget, most, pilot_rays, self.threshold)
@@ -238,6 +240,8 @@ def define(base):
 
     class VisPath(VisDirect):
         """`visdirect` at the first hit, path tracing beyond; takes Mitsuba's ``max_depth`` and ``rr_depth`` too."""
+
+        path = True
 
         def _depth(self, props):
             depth = props.get("max_depth", -1)
