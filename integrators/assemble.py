@@ -252,8 +252,8 @@ class Totals:
 
     def relative_error(self, image, error) -> float:
         """Root of the image's expected mean relative squared error."""
-        value = [dr.mean(dr.square(e) / (x * x + 0.01))[0] for x, e in zip(image, error, strict=True)]
-        return float(np.sqrt(np.mean(value)))
+        value = sum(dr.square(e) / (x * x + 0.01) for x, e in zip(image, error, strict=True)) / 3
+        return float(np.sqrt(dr.mean(value)[0]))
 
     def layers(self, error):
         """Layers in the order of `aov_names`."""

@@ -59,7 +59,13 @@ def share(frame, normal, point, halves, ratios, noise, known):
     count = len(given)
     flat = np.empty(count * frame.pixels + SLACK, np.float32)
     out = flat[: count * frame.pixels].reshape(count, frame.height, frame.width)
-    _share(planes, out, nb.get_num_threads())
+    # Dr.Jit's workers have nothing to do now, but spin for some milliseconds on the CPUs that ours run on
+    workers = dr.thread_count()
+    dr.set_thread_count(1)
+    try:
+        _share(planes, out, nb.get_num_threads())
+    finally:
+        dr.set_thread_count(workers)
     sums = [type(halves[0][0])([type(noise)(plane.ravel()) for plane in out[k : k + 3]]) for k in range(0, count, 3)]
     return sums[:2], sums[2:]
 

@@ -189,6 +189,7 @@ def define(base):
                 smooth = consistent.smooth(total, image, shared)
                 total.change(smooth - image)
                 image = smooth
+                dr.eval(image)
                 clock.lap("filter")
             layers = total.layers(error) if self.aovs else []
             result = total.develop(image, layers)

@@ -95,7 +95,9 @@ def test_equal_pixels_share_alike(variant_llvm):
     ratios = [mi.Color3f(mi.Float(half.ravel())) for half in halves]
     known, noise, one = dr.full(mi.Bool, True, x.size), dr.full(mi.Float, 10.0, x.size), dr.full(mi.Float, 1.0, x.size)
     pairs = [(v, mi.Color3f(one)) for v in ratios]
+    workers = dr.thread_count()
     sums = share(frame, normal, point, pairs, ratios, noise, known)
+    assert dr.thread_count() == workers
     for half, (light, bright) in zip(halves, sums, strict=True):
         mean = np.array(light / bright)[1].reshape(height, width)
         for i, j in ((0, 0), (5, 7), (23, 29), (24, 12), (49, 3)):
