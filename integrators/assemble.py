@@ -107,7 +107,7 @@ def _joined(arrays):
 @dr.syntax
 def _numbered(pixel, hits, rays, end, order, count):
     # Every pixel writes the lanes of its own hits
-    lanes, numbers = dr.zeros(mi.UInt32, count), dr.zeros(mi.UInt32, count)
+    lanes, numbers = dr.empty(mi.UInt32, count), dr.empty(mi.UInt32, count)
     k = mi.UInt32(0)
     while k < hits:
         dr.scatter(lanes, pixel, end - hits + k)
@@ -306,7 +306,7 @@ class Totals:
 
     def account(self, shading, named: bool):
         """Rays traced by kind, rays not traced by reason, and pixels by class."""
-        total = lambda x: int(np.sum(np.array(x, dtype=np.int64)))  # noqa: E731
+        total = lambda x: int(np.sum(x.numpy(), dtype=np.int64))  # noqa: E731
         d = self.decision
         planned = total(d.hits * d.rays) if shading.lights.count else 0
         rays = {

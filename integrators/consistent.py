@@ -112,21 +112,19 @@ class Grid:
         return dr.select(self.inner, dr.lerp(mi.Float(LEFT), 1, dr.minimum(self.sharp / SHARP, 1)), 1)
 
     def _sharpness(self, pilot):
-        # From the neighbours' pilots alone, as all decisions are
-        seen, tried = (mi.Float(cells.total(words)) for words in (pilot.seen, pilot.tried))
-        dr.eval(seen, tried)
+        # From the neighbours' pilots alone, as all decisions are. Both counts are small and travel in one word
+        counts = cells.total(pilot.seen) | (cells.total(pilot.tried) << 16)
+        dr.eval(counts)
         # West, east, north, south and all around
-        sums = [[mi.Float(0), mi.Float(0)] for _ in range(5)]
+        sums = [mi.UInt32(0)] * 5
         reach = range(-cells.RADIUS, cells.RADIUS + 1)
         for u, v in ((u, v) for v in reach for u in reach if u or v):
-            other, inside = self.at(u, v)
-            pair = [dr.gather(mi.Float, x, other, inside) for x in (seen, tried)]
-            for k, member in enumerate((u < 0, u > 0, v < 0, v > 0, True)):
-                if member:
-                    sums[k] = [s + p for s, p in zip(sums[k], pair, strict=True)]
-        west, east, north, south, mean = (s / dr.maximum(n, 1) for s, n in sums)
+            other = dr.gather(mi.UInt32, counts, *self.at(u, v))
+            sums = [s + other if member else s for s, member in zip(sums, (u < 0, u > 0, v < 0, v > 0, True), strict=True)]
+        seen, tried = [mi.Float(s & 0xFFFF) for s in sums], [mi.Float(s >> 16) for s in sums]
+        west, east, north, south, mean = (s / dr.maximum(n, 1) for s, n in zip(seen, tried, strict=True))
         # What nobody asked has no edge
-        asked = [n > 0 for _, n in sums]
+        asked = [n > 0 for n in tried]
         gaps = (dr.select(asked[k] & asked[k + 1], dr.square(a - b), 0) for k, a, b in ((0, west, east), (2, north, south)))
         return sum(gaps) / dr.maximum(4 * mean * (1 - mean), 1e-3)
 
