@@ -12,13 +12,14 @@ import numpy as np
 from .direct_runs import Setup, image, visdirect
 
 _MEMORY = """
-import resource, sys
+import sys
 import intervis, intervis.scenes
 import mitsuba as mi
+from intervis.report import peak_memory
 mi.set_variant(sys.argv[2])
 scene = mi.load_dict(intervis.scenes.load(sys.argv[1], width=1280, height=720))
 image = mi.load_dict({"type": "visdirect"}).render(scene, seed=1, spp=64)
-print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024)
+print(peak_memory())
 """
 
 

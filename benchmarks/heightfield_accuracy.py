@@ -18,16 +18,17 @@ from .heightfield_plots import errors as draw_errors
 from .heightfield_tables import Part, Row, grid, threads
 
 _MEMORY = """
-import resource, sys
+import sys
 import numpy as np
 import numba
 from intervis.heightfield import HeightField
+from intervis.report import peak_memory
 numba.set_num_threads(int(sys.argv[3]))
 field = HeightField(np.load(sys.argv[1], mmap_mode="r"))
 k = int(sys.argv[2])
 field.horizons(k)
 field.sky_view(k)
-print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024)
+print(peak_memory())
 """
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import resource
 import sys
 import time
 from contextlib import contextmanager
@@ -17,7 +16,7 @@ from .errors import InputError, finishing, mitsuba_errors
 from .images import check_writable, write_exr, write_png
 from .inputs import check_scene, load_integrator, load_scene, parse_settings, set_variant
 from .maps import class_colours, heat
-from .report import Report
+from .report import Report, peak_memory
 
 PREVIEWS = ".png", ".class.png", ".rays.png"
 
@@ -112,9 +111,7 @@ def render_layers(
     if jit and "compilation" not in report.phases:
         compiling = sum(k.get("codegen_time", 0.0) + k.get("backend_time", 0.0) for k in history)
         report.phases["compilation"] = compiling / 1e3
-    # Linux counts the peak in KiB, macOS in bytes.
-    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-    report.memory_peak_bytes = report.memory_peak_bytes or peak * (1 if sys.platform == "darwin" else 1024)
+    report.memory_peak_bytes = report.memory_peak_bytes or peak_memory()
     return layers, report
 
 

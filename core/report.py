@@ -2,7 +2,23 @@
 
 from __future__ import annotations
 
+import re
+import resource
+import sys
 from dataclasses import asdict, dataclass, field
+from pathlib import Path
+
+
+def peak_memory() -> int:
+    """Return the most bytes of memory that this process has held at once.
+
+    Linux's ``getrusage`` counts in what the process that started this one held then; ``/proc`` does not.
+    """
+    try:
+        return 1024 * int(re.search(r"VmHWM:\s*(\d+) kB", Path("/proc/self/status").read_text())[1])
+    except (OSError, TypeError):
+        # Bytes on macOS, KiB elsewhere
+        return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * (1 if sys.platform == "darwin" else 1024)
 
 
 @dataclass

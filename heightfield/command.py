@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import resource
 import sys
 import tempfile
 import time
@@ -14,7 +13,7 @@ import numpy as np
 
 from ..errors import InputError, finishing, interrupts
 from ..images import check_writable
-from ..report import Report
+from ..report import Report, peak_memory
 from . import products as files
 from .check import choice, number, spacing_of
 from .field import HeightField
@@ -72,7 +71,7 @@ def run(options, line: str) -> int:
         raise KeyboardInterrupt
 
     report.wall_s = time.perf_counter() - begin
-    report.memory_peak_bytes = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * (1 if sys.platform == "darwin" else 1024)
+    report.memory_peak_bytes = peak_memory()
     if interrupted:
         report.notes.append("interrupted: what was finished has been written")
     spacing = spacing_of(settings.get("spacing", 1.0))

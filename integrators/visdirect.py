@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import resource
 import time
 
 import drjit as dr
 import mitsuba as mi
 
 from ..errors import InputError
-from ..report import Report
+from ..report import Report, peak_memory
 from ..visibility import VisibilityClass
 from . import assemble, passes
 from .camera import Frame
@@ -215,7 +214,7 @@ def define(base):
                 rays=rays,
                 skipped=skipped,
                 classes=classes,
-                memory_peak_bytes=resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024,
+                memory_peak_bytes=peak_memory(),
                 error=total.relative_error(image, error),
             )
 
