@@ -41,7 +41,7 @@ def read(words: list, bin_index: int):
     return mi.UInt32((words[bin_index >> 3] >> (8 * (bin_index & 7))) & 255)
 
 
-def window_sum(values: list, width: int, height: int, radius: int = RADIUS) -> list:
+def window_sum(values: list, width: int, height: int, radius: int = RADIUS, apart: int = 1) -> list:
     """Sum each array over square windows of pixels, the pixel itself left out.
 
     Parameters
@@ -52,6 +52,8 @@ def window_sum(values: list, width: int, height: int, radius: int = RADIUS) -> l
         Image size in pixels.
     radius : int
         Window half-width; the window is ``(2 radius + 1)²`` pixels, cut at the image border.
+    apart : int
+        Pixels from one of them to the next.
 
     Returns
     -------
@@ -64,7 +66,7 @@ def window_sum(values: list, width: int, height: int, radius: int = RADIUS) -> l
     def along(arrays, dx, dy):
         out = list(arrays)
         for step in [s for s in range(-radius, radius + 1) if s]:
-            xs, ys = x + step * dx, y + step * dy
+            xs, ys = x + step * apart * dx, y + step * apart * dy
             inside = (xs >= 0) & (xs < w) & (ys >= 0) & (ys < h)
             at = mi.UInt32(ys * w + xs)
             out = [o + dr.gather(type(a), a, at, inside) for o, a in zip(out, arrays, strict=True)]
