@@ -151,9 +151,11 @@ def _weigh(value, count, same, out):
 
 
 @_compiled
-def _add(weight, values, out):
+def _gather(a, b, c, d, e, values, out):
+    # Add what five pixels beside each other give
     for i in range(len(out)):
-        out[i] += weight[i] * values[i]
+        sides = (a[i] * values[i] + b[i] * values[i + 1]) + (d[i] * values[i + 3] + e[i] * values[i + 4])
+        out[i] += sides + c[i] * values[i + 2]
 
 
 @_compiled
@@ -181,11 +183,15 @@ def _compare(field, y, begin, end, u, v, scratch, sums, same):
 
 
 @_compiled
-def _give(field, w, half, y, x, total, row, column):
-    # Give a row of a half's pixels, so weighted, to others
-    n = len(w)
+def _exchange(field, w, half, y, v, rows, total):
+    # A row and that v below give each other what they have, by the row's weights of those to its left and right
+    n, r, left = total.shape[2], y - EDGE, EDGE - RADIUS
     for k in range(GIVEN * half, GIVEN * (half + 1)):
-        _add(w, field[LIGHT + k, y, x : x + n], total[k, row, column : column + n])
+        here, there = field[LIGHT + k, y, left:], field[LIGHT + k, y + v, left:]
+        if r >= 0:
+            _gather(w[0, 2 : 2 + n], w[1, 2 : 2 + n], w[2, 2 : 2 + n], w[3, 2 : 2 + n], w[4, 2 : 2 + n], there, total[k, r])
+        if r + v < rows:
+            _gather(w[4, :n], w[3, 1 : 1 + n], w[2, 2 : 2 + n], w[1, 3 : 3 + n], w[0, 4 : 4 + n], here, total[k, r + v])
 
 
 @_compiled
@@ -202,8 +208,10 @@ def _stripes(planes, begin, step, out):
     field = np.zeros((PLANES, ROWS + 2 * EDGE, width + 2 * EDGE), np.float32)
     same, sums = np.empty((ROWS + 2 * EDGE, wide), np.float32), np.empty((3, ROWS + 2 * EDGE, width), np.float32)
     scratch = np.empty(wide, np.float32), np.empty(wide, np.float32), np.empty(wide, np.float32)
-    near, w = np.empty((3, width), np.float32), np.empty(width, np.float32)
-    total = np.empty((2 * GIVEN, ROWS, width + 2 * RADIUS), np.float32)
+    near = np.empty((3, width), np.float32)
+    # Of both halves each row's weights by the step to the right, with margins that stay nought
+    w = np.zeros((2, ROWS + RADIUS, 2 * RADIUS + 1, width + 2 * RADIUS), np.float32)
+    total = np.empty((2 * GIVEN, ROWS, width), np.float32)
     for first in range(begin, height, step):
         rows = min(ROWS, height - first)
         for k, plane in enumerate(planes):
@@ -214,12 +222,12 @@ def _stripes(planes, begin, step, out):
                 else:
                     field[k, r] = 0
         # First what is the pixels' own
-        total[:] = 0
-        w[:] = 1
-        for half in range(2):
+        for k in range(2 * GIVEN):
             for r in range(rows):
-                _give(field, w, half, r + EDGE, EDGE, total, r, RADIUS)
+                _copy(field[LIGHT + k, r + EDGE, EDGE : EDGE + width], total[k, r])
         for v in range(RADIUS + 1):
+            # In a row pairs are met once, from the left
+            w[:, :, : RADIUS + 1] = 0
             for u in range(-RADIUS if v else 1, RADIUS + 1):
                 for y in range(RADIUS - v, rows + EDGE + PATCH):
                     _compare(field, y, RADIUS, RADIUS + wide, u, v, scratch, sums, same[y])
@@ -227,17 +235,16 @@ def _stripes(planes, begin, step, out):
                     for j in range(3):
                         s = sums[j]
                         _down(s[y - 3], s[y - 2], s[y - 1], s[y], s[y + 1], s[y + 2], s[y + 3], near[j])
-                    r = y - EDGE
                     for half in range(2):
                         # Each half is weighted by the other
-                        _weigh(near[1 - half], near[2], same[y, PATCH : PATCH + width], w)
-                        if r >= 0:
-                            _give(field, w, half, y + v, EDGE + u, total, r, RADIUS)
-                        if r + v < rows:
-                            _give(field, w, half, y, EDGE, total, r + v, RADIUS + u)
+                        out_w = w[half, y - EDGE + RADIUS, RADIUS + u, RADIUS : RADIUS + width]
+                        _weigh(near[1 - half], near[2], same[y, PATCH : PATCH + width], out_w)
+            for y in range(EDGE - v, rows + EDGE):
+                for half in range(2):
+                    _exchange(field, w[half, y - EDGE + RADIUS], half, y, v, rows, total)
         for k in range(2 * GIVEN):
             for r in range(rows):
-                _copy(total[k, r, RADIUS : RADIUS + width], out[k, first + r])
+                _copy(total[k, r], out[k, first + r])
 
 
 @nb.njit(cache=True, parallel=True)
