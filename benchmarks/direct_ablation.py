@@ -62,7 +62,7 @@ def _sampled_guess(decision):
 
 
 def _one_window(radius):
-    return patch.object(cells.window_sum, "__defaults__", (radius,))
+    return patch.object(cells.window_sum, "__defaults__", (radius, 1))
 
 
 def _own_pilot(values, width, height, radius=None, original=cells.window_sum):
