@@ -225,9 +225,9 @@ def _stripes(planes, begin, step, out):
         for k in range(2 * GIVEN):
             for r in range(rows):
                 _copy(field[LIGHT + k, r + EDGE, EDGE : EDGE + width], total[k, r])
+        # Within a row pairs are met once, from the left
+        w[:, :, : RADIUS + 1] = 0
         for v in range(RADIUS + 1):
-            # In a row pairs are met once, from the left
-            w[:, :, : RADIUS + 1] = 0
             for u in range(-RADIUS if v else 1, RADIUS + 1):
                 for y in range(RADIUS - v, rows + EDGE + PATCH):
                     _compare(field, y, RADIUS, RADIUS + wide, u, v, scratch, sums, same[y])
