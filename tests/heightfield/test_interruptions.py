@@ -109,7 +109,9 @@ def test_an_interruption_drops_a_product_whose_tiles_are_not_all_there(here, cap
 def test_control_c(here, number):
     """A real signal, sent once the first direction has been reported, ends the run early with what there is."""
     program = (
-        "import sys\n"
+        "import signal, sys\n"
+        # Whatever runs the tests, such as nohup, may ignore what a run then ignores too
+        f"signal.signal({int(number)}, signal.SIG_DFL)\n"
         "from intervis.heightfield import command\n"
         "task = command._Progress._task\n"
         "def told(self, name):\n"
