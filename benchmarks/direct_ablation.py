@@ -61,12 +61,16 @@ def _sampled_guess(decision):
     decision.mean = dr.select(decision.mean >= 1, mi.Float(1), mi.Float(0))
 
 
+def _constants(**values):
+    return [patch.object(decide, name, value) for name, value in values.items()]
+
+
 def _one_window(radius):
     return patch.object(cells.window_sum, "__defaults__", (radius, 1))
 
 
-def _own_pilot(values, width, height, radius=None, original=cells.window_sum):
-    return list(values) if radius is None else original(values, width, height, radius)
+def _own_pilot(values, width, height, *window, original=cells.window_sum):
+    return original(values, width, height, *window) if window else list(values)
 
 
 # Name to (integrator parameters, patches); everything else as shipped
@@ -80,6 +84,8 @@ PARTS = {
     "no visibility guess": ({}, lambda: [_decide(_no_guess)]),
     "with refined light cells": ({"refine": True}, lambda: []),
     "pilot window 3×3 for 5×5": ({}, lambda: [_one_window(1)]),
+    "no look beyond 5×5 pixels": ({}, lambda: _constants(AROUND=0.0, RARE=0.0, PRIOR=0.015)),
+    "shading counts as edges": ({}, lambda: _constants(GENTLE=1e-9)),
     "own pilot only (biased)": ({}, lambda: [patch.object(cells, "window_sum", _own_pilot)]),
 }
 

@@ -63,8 +63,7 @@ def window_sum(values: list, width: int, height: int, radius: int = RADIUS, apar
     x, y = mi.Int32(index % dr.opaque(mi.UInt32, width)), mi.Int32(index // dr.opaque(mi.UInt32, width))
     w, h = dr.opaque(mi.Int32, width), dr.opaque(mi.Int32, height)
 
-    def along(arrays, dx, dy):
-        out = list(arrays)
+    def along(arrays, out, dx, dy):
         for step in [s for s in range(-radius, radius + 1) if s]:
             xs, ys = x + step * apart * dx, y + step * apart * dy
             inside = (xs >= 0) & (xs < w) & (ys >= 0) & (ys < h)
@@ -73,9 +72,12 @@ def window_sum(values: list, width: int, height: int, radius: int = RADIUS, apar
         dr.eval(out)
         return out
 
+    # What is never added need not be taken away: differences of floats would keep some of a bright pixel
     dr.eval(values)
-    total = along(along(values, 1, 0), 0, 1)
-    return [t - v for t, v in zip(total, values, strict=True)]
+    beside = along(values, [dr.zeros(type(v), width * height) for v in values], 1, 0)
+    rows = [b + v for b, v in zip(beside, values, strict=True)]
+    dr.eval(rows)
+    return along(rows, beside, 0, 1)
 
 
 def total(words: list):

@@ -13,7 +13,11 @@ from . import cells
 PILOT = 4.0  # how much more one full hit is worth than the pilot's
 EXPONENT = 0.75  # hits ∝ (expected relative error)^EXPONENT: below Neyman's 1, as errors fall faster than N^-1/2
 LEAST = 1 / 64  # hits a pixel, however sure of it its neighbours are, as a share of the rays a pixel
-PRIOR = 0.015  # doubt about a cell that looked decided: share of the light that the pilots may have missed
+PRIOR = 0.005  # doubt about a cell that looked decided: share of the light that the pilots may have missed
+FAR = 5  # pixels from one window to the next: with its eight neighbours a window sees 15×15 pixels
+AROUND = 0.1  # share of the undecidedness of 15×15 pixels that every pixel there doubts its own look by
+RARE = 0.02  # share of what hits in one pixel differ by, over 15×15 pixels: thin things escape most looks nearby
+GENTLE = 0.02  # differences of neighbours, relative to their light, below which they are shading rather than edges
 HIT_COST = 8.0  # cost of a camera hit in shadow rays
 OUTLINE = 0.01  # share of the variance of emitted light within 5×5 pixels that every pixel there is on its guard against
 SMOOTH = 0.3  # where nothing is in the way, light samples vary smoothly: nets leave less of their noise than a ray suggests
@@ -65,8 +69,11 @@ def decide(pilot, frame, classifier: str, grid: int, named: bool, refinement: bo
     """
     one = mi.Float(dr.full(mi.Float, 1, frame.pixels))
     glow = mi.luminance(pilot.emission) + 0 * one
-    values = pilot.seen + pilot.tried + [glow, dr.square(glow), one]
-    *near, glow1, glow2, around = cells.window_sum(values, frame.width, frame.height)
+    apart = 0 * one
+    if pilot.probe_bright is not None:
+        apart = 0.5 * dr.square(mi.luminance(pilot.bright) - pilot.probe_bright)
+    values = pilot.seen + pilot.tried + [glow, dr.square(glow), one, apart]
+    *near, glow1, glow2, around, apart = cells.window_sum(values, frame.width, frame.height)
     half = len(near) // 2
     near_seen, near_tried = near[:half], near[half:]
     bins = [4 * row + column for row in range(grid) for column in range(grid)]
@@ -97,6 +104,12 @@ def decide(pilot, frame, classifier: str, grid: int, named: bool, refinement: bo
     for f in fractions:
         spread += dr.sqrt(dr.maximum(f * (1 - f), PRIOR * PRIOR))
     spread /= len(fractions)
+    # A window's look is a small sample. Those around tell how likely it has missed something, but not where
+    wide = [around, apart, around * mean * (1 - mean)]
+    far = cells.window_sum(wide, frame.width, frame.height, 1, FAR)
+    around, apart, mixed = (w + f for w, f in zip(wide, far, strict=True))
+    apart, mixed = apart / dr.maximum(around, 1), mixed / dr.maximum(around, 1)
+    spread = dr.sqrt(dr.square(spread) + AROUND * mixed)
     # Noise from inside the pixel (edges, textures) shows as differences between neighbours. Those of this pixel are in no
     # sum of its own; but its probe is, which is in no estimate
     looks = [mi.luminance(pilot.bright), mi.luminance(pilot.emission)]
@@ -118,9 +131,12 @@ def decide(pilot, frame, classifier: str, grid: int, named: bool, refinement: bo
     # Neighbours' light is scaled by this pixel's guess: theirs would carry this pixel's own rays back to it
     level = b1 * mean + e1
     # What the light samples inside a hit add to those differences is noise that more rays a hit reduce
-    inside = b2 - b1 * b1 - noise / float(pilot.rays)
-    camera = mean * mean * inside + (e2 - e1 * e1) + 2 * mean * (be - b1 * e1)
+    sampling = noise / float(pilot.rays)
+    camera = mean * mean * (b2 - b1 * b1 - sampling) + (e2 - e1 * e1) + 2 * mean * (be - b1 * e1)
     camera = dr.maximum(camera, 0)
+    # Shading varies less inside a pixel than from one to the next, and nets leave next to nothing of it
+    camera *= camera / (camera + GENTLE * GENTLE * (level * level + 0.01))
+    camera += RARE * mean * mean * dr.maximum(apart - sampling, 0)
     doubt = dr.square(b1 * spread)
     light = doubt + mean * mean * noise * dr.select(mean >= 1, SMOOTH, 1)
     # As many shadow rays a hit as balance what is left of the two, given what a hit and a ray cost
@@ -136,7 +152,7 @@ def decide(pilot, frame, classifier: str, grid: int, named: bool, refinement: bo
     covered /= dr.maximum(count, 1)
     edge = covered * (1 - covered)
     # Small bright lamps may escape all looks nearby; one hit in few that meets them would stand out
-    e1, e2 = (v / dr.maximum(around, 1) for v in (glow1, glow2))
+    e1, e2 = (v / dr.maximum(wide[0], 1) for v in (glow1, glow2))
     edge = dr.maximum(edge, OUTLINE * dr.maximum(e2 - e1 * e1, 0) / (e1 * e1 + 0.01))
     error, need = (dr.sqrt(dr.maximum(x, edge)) for x in (error, need))
     error, need = (dr.select(alone | ~dr.isfinite(x), 1, x) for x in (error, need))

@@ -2,6 +2,7 @@
 
 from types import SimpleNamespace
 
+import drjit as dr
 import mitsuba as mi
 import numpy as np
 import pytest
@@ -35,3 +36,67 @@ def test_more_error_gets_more_hits_up_to_the_limit(variant_llvm):
     hits = spread(np.where(np.arange(PIXELS) % 2, 0.1, 0.01), max_rays=100)
     assert hits[1::2].mean() > 2 * hits[::2].mean()
     assert hits.max() * 4 <= 100
+
+
+SIDE = 48
+ROW, COLUMN = 24, 9
+
+
+def expected_error(bright=None, mixed=None, thin=None):
+    """Error expected of a hit in each pixel of a picture, all lit evenly but for what is given.
+
+    Parameters
+    ----------
+    bright : (SIDE, SIDE) array
+        Light without shadows.
+    mixed : pair of slices
+        Pixels half of whose light cells are hidden.
+    thin : pair of int
+        A pixel one of whose two looks met something black.
+    """
+    from intervis.integrators.decide import decide
+
+    bright = np.ones((SIDE, SIDE)) if bright is None else bright
+    probe = bright.copy()
+    if thin is not None:
+        probe[thin] = 0
+    # Four rays a pixel in cells 0, 5, 10 and 15; packed eight counters to a word
+    seen = [np.full((SIDE, SIDE), 1 + (1 << 40), np.uint64), np.full((SIDE, SIDE), (1 << 16) + (1 << 56), np.uint64)]
+    tried = [mi.UInt64(w.ravel().copy()) for w in seen]
+    if mixed is not None:
+        seen[1][mixed] = 0
+    n = SIDE * SIDE
+    dark, colour = dr.zeros(mi.Color3f, n), mi.Color3f(mi.Float(bright.ravel()))
+    pilot = SimpleNamespace(
+        bright=colour,
+        emission=dark,
+        noise=dr.zeros(mi.Float, n),
+        proven=dr.zeros(mi.Float, n),
+        rays=4,
+        seen=[mi.UInt64(w.ravel()) for w in seen],
+        tried=tried,
+        probe_bright=mi.Float(probe.ravel()),
+        probe_emission=dr.zeros(mi.Float, n),
+    )
+    frame = SimpleNamespace(width=SIDE, height=SIDE, pixels=n)
+    return np.array(decide(pilot, frame, "threshold", 4, False, False).error).reshape(SIDE, SIDE)
+
+
+def test_what_is_lit_near_shadows_is_looked_at_more_than_what_is_lit_far_away(variant_llvm):
+    error = expected_error(mixed=np.s_[ROW - 2 : ROW + 3, 0:5])
+    # Windows of 5×5 pixels see it up to column 6, those around them up to column 11
+    assert error[ROW, COLUMN] > 3 * error[ROW, 30]
+    assert error[ROW, 13] == error[ROW, 30]
+
+
+def test_what_one_look_has_met_is_expected_nearby(variant_llvm):
+    error = expected_error(thin=(ROW, COLUMN - 6))
+    assert error[ROW, COLUMN] > 2 * error[ROW, 30]
+
+
+def test_shading_is_no_edge(variant_llvm):
+    x = np.tile(np.arange(SIDE), (SIDE, 1))
+    shaded, edge = expected_error(1 + 0.01 * x), expected_error(1.0 + (x > 30))
+    # Neighbours that are one per cent apart; inside a pixel light differs by 0.3 %, and nets take most of that away
+    assert shaded[ROW, 20] < 0.005
+    assert edge[ROW, 30] > 0.2
