@@ -69,15 +69,24 @@ def window_sum(values: list, width: int, height: int, radius: int = RADIUS, apar
             inside = (xs >= 0) & (xs < w) & (ys >= 0) & (ys < h)
             at = mi.UInt32(ys * w + xs)
             out = [o + dr.gather(type(a), a, at, inside) for o, a in zip(out, arrays, strict=True)]
-        dr.eval(out)
         return out
 
     # What is never added need not be taken away: differences of floats would keep some of a bright pixel
     dr.eval(values)
     beside = along(values, [dr.zeros(type(v), width * height) for v in values], 1, 0)
     rows = [b + v for b, v in zip(beside, values, strict=True)]
-    dr.eval(rows)
-    return along(rows, beside, 0, 1)
+    dr.eval(beside, rows)
+    out = along(rows, beside, 0, 1)
+    dr.eval(out)
+    return out
+
+
+def window_count(width: int, height: int, radius: int = RADIUS):
+    """Count the pixels that `window_sum` adds up, as ``mi.Float``."""
+    index = dr.arange(mi.UInt32, width * height)
+    w, h = dr.opaque(mi.Int32, width), dr.opaque(mi.Int32, height)
+    length = lambda at, end: dr.minimum(at + radius, end - 1) - dr.maximum(at - radius, 0) + 1  # noqa: E731
+    return mi.Float(length(mi.Int32(index) % w, w) * length(mi.Int32(index) // w, h) - 1)
 
 
 def total(words: list):
@@ -85,14 +94,14 @@ def total(words: list):
     return sum((mi.UInt32((w * mi.UInt64(0x0101010101010101)) >> mi.UInt64(56)) for w in words), mi.UInt32(0))
 
 
-def neighbors(values: list, width: int, height: int):
-    """Yield float images at each of a pixel's eight neighbours, nought beyond the border, and whether there is one."""
+def neighbors(values: list, width: int, height: int, apart: int = 1):
+    """Yield images at each of a pixel's eight neighbours, nought beyond the border, and whether there is one."""
     index = dr.arange(mi.UInt32, width * height)
     w, h = dr.opaque(mi.Int32, width), dr.opaque(mi.Int32, height)
     x, y = mi.Int32(index) % w, mi.Int32(index) // w
     dr.eval(values)
-    for dy in (-1, 0, 1):
-        for dx in (-1, 0, 1):
+    for dy in (-apart, 0, apart):
+        for dx in (-apart, 0, apart):
             if dx or dy:
                 xs, ys = x + dx, y + dy
                 inside = (xs >= 0) & (xs < w) & (ys >= 0) & (ys < h)

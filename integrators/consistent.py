@@ -103,7 +103,8 @@ class Grid:
         On a sharp edge of a shadow few hits happen to agree with those across it.
         """
         sampled, frame = dr.select(hits >= 2, mi.Float(1), mi.Float(0)), self.frame
-        around, whole = cells.window_sum([sampled, dr.full(mi.Float, 1, frame.pixels)], frame.width, frame.height)
+        (around,) = cells.window_sum([sampled], frame.width, frame.height)
+        whole = cells.window_count(frame.width, frame.height)
         enough = dr.select(self.sharp < SHARP, mi.UInt32(2), mi.UInt32(SURE))
         return (hits >= enough) & self.inner & (around >= SAMPLED * whole)
 

@@ -72,8 +72,9 @@ def decide(pilot, frame, classifier: str, grid: int, named: bool, refinement: bo
     apart = 0 * one
     if pilot.probe_bright is not None:
         apart = 0.5 * dr.square(mi.luminance(pilot.bright) - pilot.probe_bright)
-    values = pilot.seen + pilot.tried + [glow, dr.square(glow), one, apart]
-    *near, glow1, glow2, around, apart = cells.window_sum(values, frame.width, frame.height)
+    values = pilot.seen + pilot.tried + [glow, dr.square(glow), apart]
+    *near, glow1, glow2, apart = cells.window_sum(values, frame.width, frame.height)
+    glow1, glow2, apart = (v / dr.maximum(cells.window_count(frame.width, frame.height), 1) for v in (glow1, glow2, apart))
     half = len(near) // 2
     near_seen, near_tried = near[:half], near[half:]
     bins = [4 * row + column for row in range(grid) for column in range(grid)]
@@ -105,10 +106,11 @@ def decide(pilot, frame, classifier: str, grid: int, named: bool, refinement: bo
         spread += dr.sqrt(dr.maximum(f * (1 - f), PRIOR * PRIOR))
     spread /= len(fractions)
     # A window's look is a small sample. Those around tell how likely it has missed something, but not where
-    wide = [around, apart, around * mean * (1 - mean)]
-    far = cells.window_sum(wide, frame.width, frame.height, 1, FAR)
-    around, apart, mixed = (w + f for w, f in zip(wide, far, strict=True))
-    apart, mixed = apart / dr.maximum(around, 1), mixed / dr.maximum(around, 1)
+    wide, windows = [apart, mean * (1 - mean)], mi.Float(1)
+    for far, inside in cells.neighbors(wide, frame.width, frame.height, FAR):
+        windows += dr.select(inside, one, 0)
+        wide = [w + f for w, f in zip(wide, far, strict=True)]
+    apart, mixed = (w / windows for w in wide)
     spread = dr.sqrt(dr.square(spread) + AROUND * mixed)
     # Noise from inside the pixel (edges, textures) shows as differences between neighbours. Those of this pixel are in no
     # sum of its own; but its probe is, which is in no estimate
@@ -152,8 +154,7 @@ def decide(pilot, frame, classifier: str, grid: int, named: bool, refinement: bo
     covered /= dr.maximum(count, 1)
     edge = covered * (1 - covered)
     # Small bright lamps may escape all looks nearby; one hit in few that meets them would stand out
-    e1, e2 = (v / dr.maximum(wide[0], 1) for v in (glow1, glow2))
-    edge = dr.maximum(edge, OUTLINE * dr.maximum(e2 - e1 * e1, 0) / (e1 * e1 + 0.01))
+    edge = dr.maximum(edge, OUTLINE * dr.maximum(glow2 - glow1 * glow1, 0) / (glow1 * glow1 + 0.01))
     error, need = (dr.sqrt(dr.maximum(x, edge)) for x in (error, need))
     error, need = (dr.select(alone | ~dr.isfinite(x), 1, x) for x in (error, need))
     return Decision(label, guess, mask, mean, refine, rays, error, need, near_seen[2:], near_tried[2:])

@@ -143,6 +143,24 @@ def test_windows_leave_the_pixel_out(width, height, radius, apart, seed):
 
 
 @RELAXED
+@given(st.integers(1, 12), st.integers(1, 9), st.integers(1, 3))
+def test_windows_are_cut_at_the_border(width, height, radius):
+    from intervis.integrators.cells import window_count, window_sum
+
+    (ones,) = window_sum([dr.full(mi.Float, 1, width * height)], width, height, radius)
+    np.testing.assert_array_equal(np.array(window_count(width, height, radius)), np.array(ones))
+
+
+def test_a_bright_pixel_leaves_nothing_in_its_own_window(variant_llvm):
+    from intervis.integrators.cells import window_sum
+
+    image = np.full((5, 5), 1e-3, np.float32)
+    image[2, 2] = 1e9
+    (got,) = window_sum([mi.Float(image.ravel())], 5, 5)
+    assert np.array(got)[12] == pytest.approx(24e-3, rel=1e-5)
+
+
+@RELAXED
 @given(st.lists(st.integers(0, 15), min_size=1, max_size=200))
 def test_packed_counters_count(bins):
     from intervis.integrators import cells
