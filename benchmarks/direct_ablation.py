@@ -66,11 +66,16 @@ def _constants(**values):
 
 
 def _one_window(radius):
-    return patch.object(cells.window_sum, "__defaults__", (radius, 1))
+    defaults = ((cells.window_sum, (radius, 1)), (cells.window_count, (radius,)))
+    return [patch.object(function, "__defaults__", values) for function, values in defaults]
 
 
 def _own_pilot(values, width, height, *window, original=cells.window_sum):
     return original(values, width, height, *window) if window else list(values)
+
+
+def _own_window():
+    return [patch.object(cells, "window_sum", _own_pilot), patch.object(cells, "window_count", lambda *_: mi.Float(1))]
 
 
 # Name to (integrator parameters, patches); everything else as shipped
@@ -83,10 +88,10 @@ PARTS = {
     "visibility guess 0 or 1 only": ({}, lambda: [_decide(_sampled_guess)]),
     "no visibility guess": ({}, lambda: [_decide(_no_guess)]),
     "with refined light cells": ({"refine": True}, lambda: []),
-    "pilot window 3×3 for 5×5": ({}, lambda: [_one_window(1)]),
+    "pilot window 3×3 for 5×5": ({}, lambda: _one_window(1)),
     "no look beyond 5×5 pixels": ({}, lambda: _constants(AROUND=0.0, RARE=0.0, PRIOR=0.015)),
     "shading counts as edges": ({}, lambda: _constants(GENTLE=1e-9)),
-    "own pilot only (biased)": ({}, lambda: [patch.object(cells, "window_sum", _own_pilot)]),
+    "own pilot only (biased)": ({}, _own_window),
 }
 
 
