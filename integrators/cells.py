@@ -95,7 +95,7 @@ def total(words: list):
 
 
 def neighbors(values: list, width: int, height: int, apart: int = 1):
-    """Yield float images at each of the eight pixels ``apart`` from a pixel, nought beyond the border, and whether it is there."""
+    """Yield float images at each of the eight pixels ``apart`` away, nought beyond the border, and whether there is one."""
     index = dr.arange(mi.UInt32, width * height)
     w, h = dr.opaque(mi.Int32, width), dr.opaque(mi.Int32, height)
     x, y = mi.Int32(index) % w, mi.Int32(index) // w
