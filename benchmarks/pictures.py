@@ -53,7 +53,8 @@ def main() -> None:
     present = [i for i in range(7) if (label == i).any()]
     handles = [plt.Rectangle((0, 0), 1, 1, color=(colors / 255 if colors.max() > 1 else colors)[i]) for i in present]
     axes[0, 1].legend(handles, [str(names[i]).replace("_", " ") for i in present], fontsize=6, loc="lower right")
-    shown = axes[1, 0].imshow(rays, cmap="magma")
+    # A few pixels have many times what others have: they would leave the rest dark
+    shown = axes[1, 0].imshow(rays, cmap="magma", vmax=np.percentile(rays, 99))
     _bare(axes[1, 0], "shadow rays a pixel")
     figure.colorbar(shown, ax=axes[1, 0], shrink=0.8)
     shown = axes[1, 1].imshow(error, cmap="viridis", vmax=0.1)
