@@ -9,6 +9,8 @@ import numpy as np
 _REFERENCE_SAMPLES = 256
 # Luminance of a spectrum of ones: the integral of the CIE's y over wavelengths in nm
 _WHITE = 106.85689
+# What `mi.luminance` weights linear RGB by
+_LUMINANCE = np.array([0.212671, 0.715160, 0.072169])
 
 
 def _leaving(emitter, count: int) -> tuple | None:
@@ -35,8 +37,15 @@ def _luminance(value, wavelengths) -> np.ndarray:
     return np.where(np.isfinite(y), np.maximum(y, 0), 0)
 
 
-def radiance_times_area(emitter, area: float) -> float:
-    """Luminance times area of a light's surface: textures, spectra and meshes alike are simply looked at."""
+def radiance_times_area(emitter, area: float, radiance=None) -> float:
+    """Luminance times area of a light's surface: textures, spectra and meshes alike are simply looked at.
+
+    Where it is one ``radiance`` all over, in mono or as linear RGB, that is all.
+    """
+    if radiance is not None and not mi.is_spectral:
+        value = np.array(radiance, dtype=np.float64).ravel()
+        value = float(value @ _LUMINANCE) if len(value) == 3 else float(value[0])
+        return area * max(value, 0.0) if np.isfinite(value) else 0.0
     leaving = _leaving(emitter, _REFERENCE_SAMPLES)
     return area if leaving is None else float(np.mean(_luminance(leaving[1], leaving[0].wavelengths))) / np.pi
 
@@ -59,12 +68,13 @@ def bounds(scene) -> tuple[np.ndarray, np.ndarray]:
     return (np.min(boxes, axis=0), np.max(boxes, axis=0)) if boxes else (np.zeros(3), np.zeros(3))
 
 
-def brightness_elsewhere(emitter, scene) -> tuple[np.ndarray, float, float]:
+def brightness_elsewhere(emitter, extent) -> tuple[np.ndarray, float, float]:
     """Place, radius (−1 at infinity, 0 else) and brightness of a light without a surface.
 
-    It is probed: from the scene's middle, then, if it has a place, along the rays that it sends out.
+    It is probed: from the middle of the scene, whose ``extent`` is by `bounds`, then, if it has a place, along the rays
+    that it sends out.
     """
-    lower, upper = bounds(scene)
+    lower, upper = extent
     centre, size = 0.5 * (lower + upper), max(float(np.linalg.norm(upper - lower)), 1e-6)
     position, value, distance = _probe(emitter, np.repeat(centre[:, None], 64, axis=1))
     # A sun has no place: seen from a wrong one it would be below horizons above which it stands

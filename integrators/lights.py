@@ -9,12 +9,12 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from .brightness import brightness_elsewhere, radiance_times_area
+from .brightness import bounds, brightness_elsewhere, radiance_times_area
+from .clusters import TOPS, Clusters, build
 from .meshlight import LEVELS, Parts, groups, triangles
 from .rectangle import rectangle_of, uniform
 
 CLOSE = 0.35  # distance to a light, over its radius, below which light samples alone may be too bright: they go as 1/d²
-COUNTED_LIGHTS = 16  # with more lights than this, their visibility is not told apart
 # Share of the brightest light's power that a light gets, at least, whose surface is not equally bright all over
 _DIMMEST = 1e-3
 # Farther than any scene, with a square that float32 still holds
@@ -37,7 +37,9 @@ class Lights:
         Twelve numbers a light: centre and radius of a bounding sphere (negative for lights at infinity); the emitting
         side's normal of planar lights, the mean normal of parts of a mesh, or zero, and its length; a bound-like brightness
         (radiance times area for area lights, intensity for points, irradiance at infinity); cosine and sine of the angle
-        around that normal in which all normals lie (cosine 1 but for parts of a mesh; -1 if it is too wide); zero.
+        around that normal in which all normals lie (cosine 1 but for parts of a mesh; -1 if it is too wide); one.
+    clusters : Clusters or None
+        Trees over the lights if they are many.
     touched : bool
         Some surface may be close to an area light.
     rectangle : tuple or None
@@ -56,6 +58,7 @@ class Lights:
     emitters: list
     pointers: object = None
     table: object = None
+    clusters: Clusters | None = None
     touched: bool = False
     rectangle: tuple | None = None
     parts: object = None
@@ -69,6 +72,16 @@ class Lights:
     def power(self) -> np.ndarray:
         """Brightness of each light, as ``table`` has it: (count,) float32."""
         return np.array(self.table).reshape(-1, 12)[:, 8]
+
+    @property
+    def tops(self) -> int:
+        """Number of lights, or of clusters of them, that are compared jointly."""
+        return self.count if self.clusters is None else self.clusters.tops
+
+    @property
+    def nodes(self):
+        """Like ``table``, of the clusters if there are any; `importance` and `close` are of these."""
+        return self.table if self.clusters is None else self.clusters.table
 
     @property
     def alone(self) -> bool:
@@ -109,18 +122,18 @@ def _numbers(pointers):
     return mi.UInt32(table)
 
 
-def _bounds_of(shape, emitter) -> tuple[np.ndarray, float, float]:
+def _bounds_of(shape, emitter, radiance) -> tuple[np.ndarray, float, float]:
     # Bounding sphere of an area light, and its radiance times area
     box = shape.bbox()
     surface = shape.surface_area()
     surface = float(surface[0] if dr.width(surface) else 0.0) if not np.isscalar(surface) else float(surface)
     radius = 0.5 * float(np.linalg.norm(np.array(box.extents())))
-    return np.array(box.center(), dtype=np.float64), radius, radiance_times_area(emitter, surface)
+    return np.array(box.center(), dtype=np.float64), radius, radiance_times_area(emitter, surface, radiance)
 
 
-def _parts_of(shape, emitter, most: int) -> tuple[list, np.ndarray]:
+def _parts_of(shape, most: int) -> tuple[list, np.ndarray]:
     """Groups of a mesh light's triangles and each triangle's group; none where it is to be sampled as a whole."""
-    found = triangles(shape) if shape.is_mesh() and uniform(emitter) and most > 1 else None
+    found = triangles(shape) if shape.is_mesh() and most > 1 else None
     if found is None:
         return [], np.zeros(0, dtype=np.int64)
     mesh, kept = found
@@ -144,21 +157,25 @@ def collect(scene) -> Lights:
     emitters = list(scene.emitters())
     shapes = {s.emitter().id() + str(s.emitter().ptr): s for s in scene.shapes() if s.is_emitter()}
     owner, rows, pieces, faces, start, uneven = [], [], [], [], [], []
-    rectangle = None
+    rectangle, extent = None, None
     for k, emitter in enumerate(emitters):
         start.append(len(owner))
         faces.append(np.zeros(0, dtype=np.int64))
         shape = shapes.get(emitter.id() + str(emitter.ptr))
-        n, cone = np.zeros(3), 1.0
+        n, cone, rectangle = np.zeros(3), 1.0, None
         if shape is None:
-            c, r, phi = brightness_elsewhere(emitter, scene)
+            extent = extent or bounds(scene)
+            c, r, phi = brightness_elsewhere(emitter, extent)
         else:
-            c, r, phi = _bounds_of(shape, emitter)
-            rectangle = rectangle_of(shape, emitter)
+            parameters = mi.traverse(shape)
+            same = uniform(emitter, parameters)
+            c, r, phi = _bounds_of(shape, emitter, parameters["emitter.radiance.value"] if same else None)
+            if same and ("vertex_positions" in parameters or len(emitters) == 1):
+                rectangle = rectangle_of(shape, emitter, parameters)
             if rectangle is not None or re.match("Rectangle|Disk", str(shape)):
                 n = np.array(shape.sample_position(0.0, mi.Point2f(0.5)).n).ravel()[:3]
             else:
-                parts, faces[-1] = _parts_of(shape, emitter, COUNTED_LIGHTS // len(emitters))
+                parts, faces[-1] = _parts_of(shape, TOPS // len(emitters)) if same else ([], faces[-1])
                 whole = sum(p.area.sum() for p in parts)
                 for part in parts:
                     middle, radius, mean, cone = part.bounds()
@@ -169,7 +186,7 @@ def collect(scene) -> Lights:
                     continue
         owner.append(k)
         rows.append((*c, *n, cone, r, phi))
-        if shape is not None and not uniform(emitter):
+        if shape is not None and not same:
             uneven.append(len(owner) - 1)
     # What was bright may have been missed where a light differs from place to place
     brightest = max((row[-1] for row in rows), default=0.0)
@@ -178,15 +195,20 @@ def collect(scene) -> Lights:
     return _arrays(scene, emitters, rectangle, owner, rows, pieces, faces, start)
 
 
+def _pack(rows: np.ndarray, count) -> np.ndarray:
+    # Twelve numbers a light, as in `Lights.table`, or a cluster of so many lights
+    centre, normal, cone, radius, power = np.split(rows, [3, 6, 7, 8], axis=1)
+    size, flare = np.linalg.norm(normal, axis=1, keepdims=True), np.sqrt(np.clip(1 - cone**2, 0, 1))
+    count = np.broadcast_to(count, len(rows))[:, None]
+    return np.concatenate([centre, radius, normal, size, power, cone, flare, count], axis=1).astype(np.float32)
+
+
 def _arrays(scene, emitters, rectangle, owner, rows, pieces, faces, start) -> Lights:
     # What was found, where kernels can read it
     if not emitters:
         return Lights(0, [])
     table = np.array(rows, dtype=np.float64)
     table[~np.isfinite(table).all(axis=1)] = 0
-    centre, normal, cone, radius, power = np.split(table, [3, 6, 7, 8], axis=1)
-    size, flare = np.linalg.norm(normal, axis=1, keepdims=True), np.sqrt(np.clip(1 - cone**2, 0, 1))
-    packed = np.concatenate([centre, radius, normal, size, power, cone, flare, 0 * cone], axis=1).astype(np.float32)
     parts = None
     if pieces:
         parts = Parts(len(owner))
@@ -199,7 +221,8 @@ def _arrays(scene, emitters, rectangle, owner, rows, pieces, faces, start) -> Li
         count=len(owner),
         emitters=[emitters[k] for k in owner],
         pointers=dr.gather(mi.EmitterPtr, pointers, mi.UInt32(owner)),
-        table=mi.Float(packed.ravel()),
+        table=mi.Float(_pack(table, 1).ravel()),
+        clusters=build(table, _pack),
         touched=_touched(scene, table),
         rectangle=rectangle if len(owner) == 1 else None,
         parts=parts,
@@ -234,10 +257,30 @@ def _touched(scene, table: np.ndarray) -> bool:
     return False
 
 
-def close(lights: Lights, index, p):
-    """Where light ``index`` is so close to a point, for its size, that light samples alone are too noisy."""
-    a, b = (dr.gather(mi.Vector4f, lights.table, 3 * index + k) for k in range(2))
-    cone = dr.gather(mi.Vector4f, lights.table, 3 * index + 2).y
+@dr.syntax
+def any_close(lights: Lights, p):
+    """Where some light is so close to a point, for its size, that light samples alone are too noisy."""
+    k, found, count = mi.UInt32(0), mi.Bool(False), dr.opaque(mi.UInt32, dr.width(lights.nodes) // 12)
+    while (k < count) & ~found:
+        near, after = _close(lights, k, p), k + 1
+        if dr.hint(lights.clusters is not None, mode="scalar"):
+            # Down where a cluster's sphere comes close enough for its widest light, else on past all below it
+            child = dr.gather(mi.UInt32, lights.clusters.child, k)
+            ball = dr.gather(mi.Vector4f, lights.nodes, 3 * k)
+            reach = ball.w + CLOSE * dr.gather(mi.Float, lights.clusters.widest, k)
+            inner = (child > 0) & (ball.w >= 0)
+            into = inner & (dr.squared_norm(mi.Vector3f(ball.x, ball.y, ball.z) - p) < dr.square(reach))
+            near &= child == 0
+            after = dr.select(into, child, dr.gather(mi.UInt32, lights.clusters.after, k))
+        found |= near
+        k = after
+    return found
+
+
+def _close(lights: Lights, index, p):
+    # Whether one light is
+    a, b = (dr.gather(mi.Vector4f, lights.nodes, 3 * index + k) for k in range(2))
+    cone = dr.gather(mi.Vector4f, lights.nodes, 3 * index + 2).y
     r, d = a.w, mi.Vector3f(a.x, a.y, a.z) - p
     # Distance to the disk around a planar light, to the sphere around others
     above = dr.dot(d, mi.Vector3f(b.x, b.y, b.z))
@@ -247,14 +290,14 @@ def close(lights: Lights, index, p):
     return (r > 0) & (dr.select((b.w > 0) & (cone >= 1), disk, ball) < dr.square(CLOSE * r))
 
 
-def importance(lights: Lights, index, p, n, transmits):
-    """Estimate what light ``index`` would add at a point if nothing stood between, for choosing among lights.
+def importance(lights: Lights, index, p, n, transmits, specular=False):
+    """Estimate what light (or cluster) ``index`` would add at a point if nothing stood between, for choosing among lights.
 
     Zero only where the light provably adds nothing: wholly below the surface's horizon (when the surface does not
-    transmit), or wholly turned away.
+    transmit), or wholly turned away. Flatter where the surface is ``specular``, as highlights defy the estimate.
     """
-    a, b = (dr.gather(mi.Vector4f, lights.table, 3 * index + k) for k in range(2))
-    phi, cone, flare, _ = dr.gather(mi.Vector4f, lights.table, 3 * index + 2)
+    a, b = (dr.gather(mi.Vector4f, lights.nodes, 3 * index + k) for k in range(2))
+    phi, cone, flare, count = dr.gather(mi.Vector4f, lights.nodes, 3 * index + 2)
     c, r, axis = mi.Point3f(a.x, a.y, a.z), a.w, mi.Vector3f(b.x, b.y, b.z)
     d = c - p
     d2 = dr.maximum(dr.squared_norm(d), 1e-30)
@@ -264,7 +307,7 @@ def importance(lights: Lights, index, p, n, transmits):
     # Share of its brightness that the light's slant leaves
     slant = -dr.dot(d, axis) * inverse
     front = dr.select(b.w > 0, dr.maximum(slant, 0), 1.0)
-    if lights.parts is not None:
+    if lights.parts is not None or lights.clusters is not None:
         # A part's normals lie in a cone, which its extent widens; the best of them is what some of it may have
         off = dr.clip(slant / dr.maximum(b.w, 1e-30), -1, 1)
         sine = dr.minimum(r * inverse, 1)
@@ -275,4 +318,5 @@ def importance(lights: Lights, index, p, n, transmits):
         best = dr.select((cone < 0) | (wide_cos < 0) | (off >= wide_cos), 1, best)
         front = dr.select(cone < 1, dr.maximum(front, dr.select(best > -1e-3, 0.3 * dr.maximum(best, 0.03), 0)), front)
     near = phi * top * front / (d2 + 0.5 * r * r)
-    return dr.select(r < 0, phi, near)
+    w = dr.select(r < 0, phi, near)
+    return dr.select(specular, dr.sqrt(w * count), w)

@@ -10,7 +10,6 @@ import mitsuba as mi
 from . import cells
 from .bounce import indirect
 from .camera import Frame, scramble
-from .lights import COUNTED_LIGHTS
 from .points import net_1d, net_2d, shuffle
 from .proof import tolerance, unobstructed
 from .rectangle import rectangle_light
@@ -66,8 +65,8 @@ def first_hit(shading: Shading, frame: Frame, corner, s, keys):
 
 
 def _trusting(shading: Shading, seen: list, tried: list):
-    """Factor of each light's importance: lower for lights that the neighbours' pilots did not see."""
-    if not seen or shading.lights.count > COUNTED_LIGHTS:
+    """Factor of each top's importance: lower for lights that the neighbours' pilots did not see."""
+    if not seen or shading.lights.tops > 8 * len(seen):
         return lambda l: mi.Float(1)
 
     def trust(l):
@@ -87,8 +86,8 @@ def _reflected(shading: Shading, surface: Surface, s, keys, rays, trust, total, 
     )
     chance = mi.Float(1)
     if shading.lights.count > 1:
-        weight = surface.importance(l) * trust(l)
-        chance = dr.select(total > 0, weight / total, 0)
+        top, share = surface.found(l, density > 0)
+        chance = dr.select(total > 0, surface.importance(top) * trust(top) / total * share, 0)
     # Balance heuristic, the other side of Surface.integrand
     other = mi.Float(rays) * chance * density
     value *= dr.select(other > 0, pdf / dr.maximum(pdf + other, 1e-30), 1)
@@ -110,7 +109,7 @@ def pilot(shading: Shading, frame: Frame, seed, rays: int, probe: bool) -> Pilot
     total, chance, l = mi.Float(0), mi.Float(1), mi.UInt32(0)
     several = lights.count > 1
     if dr.hint(several, mode="scalar"):
-        number, k = dr.opaque(mi.UInt32, lights.count), mi.UInt32(0)
+        number, k = dr.opaque(mi.UInt32, lights.tops), mi.UInt32(0)
         while k < number:
             total += surface.importance(k)
             k += 1
@@ -126,7 +125,7 @@ def pilot(shading: Shading, frame: Frame, seed, rays: int, probe: bool) -> Pilot
     seen, tried = cells.empty(16), cells.empty(16)
     light_seen, light_tried = cells.empty(16), cells.empty(16)
     lit_sum, all_sum, squares, traced = mi.Spectrum(0), mi.Spectrum(0), mi.Float(0), mi.UInt32(0)
-    r, before, weight_l = mi.UInt32(0), mi.Float(0), mi.Float(0)
+    r, before, weight_l, chosen = mi.UInt32(0), mi.Float(0), mi.Float(0), mi.UInt32(0)
     if dr.hint(several, mode="scalar"):
         weight_l = surface.importance(l)
     if dr.hint(lights.count > 0, mode="scalar"):
@@ -136,13 +135,14 @@ def pilot(shading: Shading, frame: Frame, seed, rays: int, probe: bool) -> Pilot
                 salt = r * mi.UInt32(0x9E3779B9)
                 u = net_2d(s, keys[8] ^ salt, keys[9] ^ salt)
                 target = (mi.Float(r) + u.x) / mi.Float(count) * total
-                while (before + weight_l <= target) & (l + 1 < dr.opaque(mi.UInt32, lights.count)):
+                while (before + weight_l <= target) & (l + 1 < dr.opaque(mi.UInt32, lights.tops)):
                     before += weight_l
                     l += 1
                     weight_l = surface.importance(l)
-                chance = weight_l / total
                 u.x = dr.clip((target - before) / dr.maximum(weight_l, 1e-30), 0, 1 - 2**-20)
-            ds, w = surface.light_sample(l, u, active & (chance > 0))
+                chosen, share, u.x = surface.find(l, u.x, unsure & (weight_l > 0))
+                chance = weight_l / total * share
+            ds, w = surface.light_sample(chosen, u, active & (chance > 0))
             rho, useful = surface.integrand(ds, w, chance, active & (chance > 0))
             lit = surface.visible(ds.p, useful)
             cell = mi.UInt32(u.y * grid) * 4 + mi.UInt32(u.x * grid)

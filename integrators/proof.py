@@ -14,6 +14,8 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
+from .rectangle import read_matrix
+
 MOST = 24  # blockers, all of which every pixel is held against
 FEW = 64  # triangles of meshes that are worth cutting into planes
 CORNERS = 8
@@ -110,8 +112,8 @@ def _outline(shape) -> list[np.ndarray] | None:
     extent = _EXTENT.get(str(shape).split("[")[0])
     if extent is None or "to_world" not in parameters:
         return None
-    m = np.array(parameters["to_world"].matrix, dtype=np.float64).reshape(4, 4)
-    inverse = np.array(parameters["to_world"].inverse_transpose, dtype=np.float64).reshape(4, 4).T
+    m = read_matrix(parameters["to_world"].matrix)
+    inverse = read_matrix(parameters["to_world"].inverse_transpose).T
     # Rays are intersected by the inverse, which is another map where a rotation's axis was not of unit length
     if not np.allclose(m @ inverse, np.eye(4), atol=1e-3):
         return None
@@ -139,10 +141,10 @@ def collect_blockers(scene, emitter) -> Blockers | None:
         if shape.is_emitter() and shape.emitter().ptr == emitter.ptr:
             continue
         pieces = _outline(shape)
-        if pieces is None:
+        points += pieces or []
+        if pieces is None or len(points) > MOST:
             return None
-        points += pieces
-    if len(points) > MOST or not all(np.isfinite(p).all() for p in points):
+    if not all(np.isfinite(p).all() for p in points):
         return None
     hulls = [_hull(p) for p in points]
     columns = lambda rows: np.array(rows, dtype=np.float32).reshape(-1, 3).T  # noqa: E731

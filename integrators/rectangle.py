@@ -13,21 +13,28 @@ from .points import net_2d, shuffle
 FLOOR = 0.08  # sampling weight of a decided light cell, next to 1 for an undecided one
 
 
-def uniform(emitter) -> bool:
-    """Whether an area light has one radiance all over, the same in all directions."""
+def uniform(emitter, parameters) -> bool:
+    """Whether an area light has one radiance all over, the same in all directions; ``parameters`` are its shape's."""
     if mi.has_flag(emitter.flags(), mi.EmitterFlags.DeltaDirection):
         return False
-    parameters = mi.traverse(emitter)
-    return "radiance.value" in parameters and np.size(parameters["radiance.value"]) <= 3
+    return "emitter.radiance.value" in parameters and np.size(parameters["emitter.radiance.value"]) <= 3
 
 
-def _parallelogram(shape) -> np.ndarray | None:
+def read_matrix(matrix) -> np.ndarray:
+    """Return a transform's matrix (mi.Matrix4f) as (4, 4) float64: constants in it would each compile a kernel."""
+    matrix = type(matrix)(matrix)
+    dr.make_opaque(matrix)
+    return np.array(matrix, dtype=np.float64).reshape(4, 4)
+
+
+def _parallelogram(shape, parameters) -> np.ndarray | None:
     # Corners, in order, of a rectangle or of a mesh of two triangles with such an outline
-    parameters = mi.traverse(shape)
-    if str(shape).startswith("Rectangle"):
-        m = np.array(parameters["to_world"].matrix, dtype=np.float64).reshape(4, 4)
-        return np.array([(m @ [x, y, 0, 1])[:3] for x, y in ((-1, -1), (1, -1), (1, 1), (-1, 1))])
-    if "vertex_positions" not in parameters or len(parameters["faces"]) != 6:
+    if "vertex_positions" not in parameters:
+        if not str(shape).startswith("Rectangle"):
+            return None
+        m = read_matrix(parameters["to_world"].matrix)
+        return np.array([(-1, -1, 0, 1), (1, -1, 0, 1), (1, 1, 0, 1), (-1, 1, 0, 1)]) @ m[:3].T
+    if len(parameters["faces"]) != 6:
         return None
     vertices = np.array(parameters["vertex_positions"], dtype=np.float64).reshape(-1, 3)
     places, index = np.unique(vertices, axis=0, return_inverse=True)
@@ -45,11 +52,9 @@ def _parallelogram(shape) -> np.ndarray | None:
     return np.array([a, b, c, d])
 
 
-def rectangle_of(shape, emitter) -> tuple | None:
-    """Corners, normal and emitter of a light that is a parallelogram with one radiance all over; None for others."""
-    if not uniform(emitter):
-        return None
-    corners = _parallelogram(shape)
+def rectangle_of(shape, emitter, parameters) -> tuple | None:
+    """Corners, normal and emitter of a uniform light that is a parallelogram; None for others."""
+    corners = _parallelogram(shape, parameters)
     if corners is None:
         return None
     normal = np.array(shape.sample_position(0.0, mi.Point2f(0.5)).n).ravel()[:3].astype(np.float64)

@@ -19,13 +19,12 @@ import mitsuba as mi
 import numpy as np
 
 from . import cells
-from .lights import Lights, close, collect, importance
+from .clusters import ascend, descend
+from .lights import Lights, any_close, collect, importance
 from .order import turn
 from .points import net_2d
 from .proof import collect_blockers
 from .rectangle import FLOOR, Rectangle
-
-LISTED = 32  # most lights whose importances a hit keeps at hand
 
 
 @dataclass
@@ -105,15 +104,6 @@ def _lambert(si, bsdf, active):
     return bsdf.eval_diffuse_reflectance(si, active) * dr.inv_pi, side
 
 
-@dr.syntax
-def _any_close(lights: Lights, p):
-    l, found, count = mi.UInt32(0), mi.Bool(False), dr.opaque(mi.UInt32, lights.count)
-    while (l < count) & ~found:
-        found |= close(lights, l, p)
-        l += 1
-    return found
-
-
 def _is_plain(table, bsdf):
     number = dr.reinterpret_array(mi.UInt32, bsdf)
     return dr.gather(mi.Bool, table, number, number < dr.width(table))
@@ -141,7 +131,7 @@ class Surface:
         if not shading.lambert:
             self.active = self.active & mi.has_flag(flags, mi.BSDFFlags.Smooth)
         if shading.lights.touched:
-            self.follow = self.follow | (self.active & _any_close(shading.lights, si.p))
+            self.follow = self.follow | (self.active & any_close(shading.lights, si.p))
 
     def facing(self):
         """Shading normal on the viewer's side."""
@@ -194,10 +184,19 @@ class Surface:
             density *= dr.gather(mi.Float, lights.parts.share, l)
         return value, l, sample.pdf, dr.select(delta, 0, density), active
 
-    def importance(self, l):
-        """What light ``l`` might add, for choosing among lights; flatter where highlights defy the estimate."""
-        w = importance(self.shading.lights, l, self.si.p, self.facing(), self.transmits)
-        return dr.select(self.specular, dr.sqrt(w), w)
+    def importance(self, k):
+        """What a top, or any cluster of lights, might add."""
+        return importance(self.shading.lights, k, self.si.p, self.facing(), self.transmits, self.specular)
+
+    def find(self, top, u, active):
+        """Choose a light below a top: its number, its chance, and what is left of the random number ``u``."""
+        clusters = self.shading.lights.clusters
+        return (top, mi.Float(1), u) if clusters is None else descend(clusters, self.importance, top, u, active)
+
+    def found(self, l, active):
+        """Return the top that light ``l`` is below, and its chance there."""
+        clusters = self.shading.lights.clusters
+        return (l, mi.Float(1)) if clusters is None else ascend(clusters, self.importance, l, active)
 
     def light_sample(self, l, u, active):
         """Sample a direction towards light number ``l``."""
@@ -288,7 +287,7 @@ def several_lights(surface: Surface, trust, rays, s, keys):
     ----------
     surface : Surface
     trust : callable
-        Index of a light to the factor (> 0) by which its importance is scaled.
+        Index of a top (a light, or a cluster of lights) to the factor (> 0) by which its importance is scaled.
     rays, s : mi.UInt32
         Rays to trace, and the hit's number in its pixel.
     keys : list of mi.UInt32
@@ -300,54 +299,40 @@ def several_lights(surface: Surface, trust, rays, s, keys):
         Light with and without shadows.
     traced : mi.UInt32
     total : mi.Float
-        Sum of the scaled importances: a light's over this is its chance.
+        Sum of the tops' scaled importances: a top's over this is its chance.
     """
     lights = surface.shading.lights
     active = mi.Bool(surface.active)
-    listed = lights.count <= LISTED
-    # Sums of the lights' importances up to each, kept at hand if they are few
-    upto = dr.alloc_local(mi.Float, lights.count if listed else 1)
-    count = dr.opaque(mi.UInt32, lights.count)
+    # Sums of the tops' importances up to each
+    upto = dr.alloc_local(mi.Float, lights.tops)
+    count = dr.opaque(mi.UInt32, lights.tops)
     # Of full width from the start: local memory is a lane's own
     none = 0 * s
     l, total = mi.UInt32(none), mi.Float(none)
     while l < count:
         total += surface.importance(l) * trust(l)
-        if dr.hint(listed, mode="scalar"):
-            upto.write(total, l)
+        upto.write(total, l)
         l += 1
     active &= total > 0
 
     value, bright, traced = mi.Spectrum(0), mi.Spectrum(0), mi.UInt32(0)
-    r, l, before, odd = mi.UInt32(0), mi.UInt32(0), mi.Float(0), turn(s, rays)
-    weight = mi.Float(0)
-    if dr.hint(not listed, mode="scalar"):
-        weight = surface.importance(l) * trust(l)
+    r, odd = mi.UInt32(0), turn(s, rays)
     while active & (r < rays):
-        if dr.hint(listed, mode="scalar"):
-            # One net over all lights, each as wide as it is important
-            u = net_2d(s * rays + (r ^ odd), keys[0], keys[1])
-            target = u.x * total
-            l, high = mi.UInt32(none), none + count - 1
-            while l < high:
-                middle = (l + high) >> 1
-                above = upto.read(middle) <= target
-                l, high = dr.select(above, middle + 1, l), dr.select(above, high, middle)
-            before = dr.select(l > 0, upto.read(dr.maximum(l, 1) - 1), 0)
-            weight = upto.read(l) - before
-        else:
-            # Each stratum of the lights has its own sequence over the hits, so that one pass over the lights does
-            salt = r * mi.UInt32(0x9E3779B9)
-            u = net_2d(s, keys[0] ^ salt, keys[1] ^ salt)
-            target = (mi.Float(r) + u.x) / mi.Float(rays) * total
-            while (before + weight <= target) & (l + 1 < count):
-                before += weight
-                l += 1
-                weight = surface.importance(l) * trust(l)
+        # One net over all lights, each as wide as it is important
+        u = net_2d(s * rays + (r ^ odd), keys[0], keys[1])
+        target = u.x * total
+        l, high = mi.UInt32(none), none + count - 1
+        while l < high:
+            middle = (l + high) >> 1
+            above = upto.read(middle) <= target
+            l, high = dr.select(above, middle + 1, l), dr.select(above, high, middle)
+        before = dr.select(l > 0, upto.read(dr.maximum(l, 1) - 1), 0)
+        weight = upto.read(l) - before
         # A light takes over the rest of the coordinate
-        chance = weight / total
         u.x = dr.clip((target - before) / dr.maximum(weight, 1e-30), 0, 1 - 2**-20)
-        ds, w = surface.light_sample(l, u, active & (chance > 0))
+        chosen, share, u.x = surface.find(l, u.x, active & (weight > 0))
+        chance = weight / total * share
+        ds, w = surface.light_sample(chosen, u, active & (chance > 0))
         rho, useful = surface.integrand(ds, w, chance, active & (chance > 0))
         lit = surface.visible(ds.p, useful)
         bright += rho
