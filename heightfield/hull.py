@@ -51,8 +51,9 @@ def _locate(heights, where, looked, rows, columns, slope, bend, diagonal, shared
     leave = above / steep
     end = dr.select((x1 >= 0) & (x1 < columns - 1) & (leave > Float64(x1) + 1e-9), x1 + 1, x1)
     px, ph = dr.alloc_local(Float, depth), dr.alloc_local(Float, depth)
-    # Of full width from the start: loops keep no lane apart in what begins as one number
-    x, slope32 = Int32(x1), Float(slope)
+    # Of full width from the start: loops keep no lane apart in what begins as one number. The bound, which is never reached,
+    # is for Dr.Jit 1.5: it takes kernels that differ in their local memory's size alone for one, and runs the older
+    x, slope32 = dr.minimum(Int32(x1), depth), Float(slope)
     n, steps = 0 * x, UInt32(0 * x)
     # The two nearest corners of the hull, t before u, are kept at hand
     tx, th, ux, uh, beyond, ahead = (Float(n) for _ in range(6))

@@ -14,7 +14,8 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-TOPS = 16  # most lights, or clusters of them, that are compared jointly and whose visibility is told apart
+TOPS = 64  # most lights, or clusters of them, that are compared jointly
+COUNTED = 16  # most lights, or clusters of them, whose visibility is told apart
 _LEAST = 0.25  # share of a cluster's lights, at least, on either side of a cut
 
 
@@ -38,6 +39,8 @@ class Clusters:
         Of each node; its own number for tops.
     light, node : mi.UInt32
         Light of each node without children, and node of each light.
+    counter : mi.UInt32
+        Of each top: which of the `COUNTED` clusters it is part of.
     """
 
     tops: int
@@ -48,6 +51,7 @@ class Clusters:
     parent: object
     light: object
     node: object
+    counter: object
 
 
 def _halve(order, begin, features, power, chosen):
@@ -125,8 +129,20 @@ def _bound(order, begin, rows):
     return np.where((size == 1)[:, None], r[begin[:-1]], bound), over(np.maximum, radius)
 
 
+def _split(order, begin, features, power, most):
+    # Halve all clusters for as long as there are fewer than `most`; the brightest first where there is not room for all
+    while True:
+        size = np.diff(begin)
+        phi = np.add.reduceat(power[order], begin[:-1])
+        rank = np.argsort(np.argsort(-np.where(size > 1, phi, -1.0), kind="stable"))
+        chosen = (size > 1) & (rank < most - len(size))
+        if not chosen.any():
+            return begin
+        begin = _halve(order, begin, features, power, chosen)
+
+
 def build(rows: np.ndarray, pack) -> Clusters | None:
-    """Make trees over more than `TOPS` lights; None for fewer.
+    """Make trees over more than `COUNTED` lights; None for fewer.
 
     Parameters
     ----------
@@ -139,26 +155,19 @@ def build(rows: np.ndarray, pack) -> Clusters | None:
     -------
     Clusters or None
     """
-    if len(rows) <= TOPS:
+    if len(rows) <= COUNTED:
         return None
     # Lights at infinity have clusters of their own
-    infinite = rows[:, 7] < 0
+    infinite, power = rows[:, 7] < 0, rows[:, 8]
     order = np.argsort(infinite, kind="stable")
     begin = np.unique([0, int((~infinite).sum()), len(rows)])
     extent = max(float(np.ptp(rows[~infinite, :3], axis=0).max()) if not infinite.all() else 0.0, 1e-300)
     features = np.concatenate([rows[:, :3] * (2 / extent), rows[:, 3:6]], axis=1)
 
-    # Halve all clusters for as long as there is room for tops; the brightest first where there is not for all
-    while True:
-        size = np.diff(begin)
-        room = TOPS - len(size)
-        phi = np.add.reduceat(rows[order, 8], begin[:-1])
-        rank = np.argsort(np.argsort(-np.where(size > 1, phi, -1.0), kind="stable"))
-        chosen = (size > 1) & (rank < room)
-        if not chosen.any():
-            break
-        begin = _halve(order, begin, features, rows[:, 8], chosen)
-    tops = len(begin) - 1
+    counted = _split(order, begin, features, power, COUNTED)
+    begin = _split(order, counted, features, power, TOPS)
+    counter = np.searchsorted(counted, begin[:-1], side="right") - 1
+    tops = len(counter)
 
     # Level by level: children of a level's clusters follow all of that level
     child, parent, light, parts, widest, sizes = [], [np.arange(tops)], [], [], [], []
@@ -178,7 +187,7 @@ def build(rows: np.ndarray, pack) -> Clusters | None:
         parent.append(np.repeat(at[inner], 2))
         done += 2 * int(inner.sum())
         # Single lights are done with
-        cut = _halve(order, begin, features, rows[:, 8], inner)
+        cut = _halve(order, begin, features, power, inner)
         kept = np.repeat(inner, np.where(inner, 2, 1))
         order, begin = _only(order, cut, kept)
         at = np.arange(done - len(begin) + 1, done)
@@ -197,7 +206,7 @@ def build(rows: np.ndarray, pack) -> Clusters | None:
         tops,
         mi.Float(pack(np.concatenate(parts), np.concatenate(sizes)).ravel()),
         mi.Float(np.concatenate(widest).astype(np.float32)),
-        *(as_index(v) for v in (child, after, parent, light, node)),
+        *(as_index(v) for v in (child, after, parent, light, node, counter)),
     )
 
 

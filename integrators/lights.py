@@ -10,13 +10,14 @@ import mitsuba as mi
 import numpy as np
 
 from .brightness import bounds, brightness_elsewhere, radiance_times_area
-from .clusters import TOPS, Clusters, build
-from .meshlight import LEVELS, Parts, groups, triangles
+from .clusters import Clusters, build
+from .meshlight import LEVELS, PARTS, Parts, groups, triangles
 from .rectangle import rectangle_of, uniform
 
 CLOSE = 0.35  # distance to a light, over its radius, below which light samples alone may be too bright: they go as 1/d²
 # Share of the brightest light's power that a light gets, at least, whose surface is not equally bright all over
 _DIMMEST = 1e-3
+_PAIRS = 1 << 15  # lights by shapes that are held against each other at a time
 # Farther than any scene, with a square that float32 still holds
 _BEYOND = 1e18
 
@@ -37,7 +38,7 @@ class Lights:
         Twelve numbers a light: centre and radius of a bounding sphere (negative for lights at infinity); the emitting
         side's normal of planar lights, the mean normal of parts of a mesh, or zero, and its length; a bound-like brightness
         (radiance times area for area lights, intensity for points, irradiance at infinity); cosine and sine of the angle
-        around that normal in which all normals lie (cosine 1 but for parts of a mesh; -1 if it is too wide); one.
+        around that normal in which all normals lie (cosine 1 for planar lights and spheres; -1 if it is too wide); one.
     clusters : Clusters or None
         Trees over the lights if they are many.
     touched : bool
@@ -92,6 +93,10 @@ class Lights:
     def infinite(self) -> bool:
         """Whether any light is at infinity: a sky, a sun."""
         return any(mi.has_flag(e.flags(), mi.EmitterFlags.Infinite) for e in self.emitters)
+
+    def counter(self, top):
+        """Which counter of visibility a top has."""
+        return top if self.clusters is None else dr.gather(mi.UInt32, self.clusters.counter, top)
 
     def end(self, ds, emitter, p):
         """Where a shadow ray from ``p`` towards a light sample must end to have passed all that may block it.
@@ -175,7 +180,7 @@ def collect(scene) -> Lights:
             if rectangle is not None or re.match("Rectangle|Disk", str(shape)):
                 n = np.array(shape.sample_position(0.0, mi.Point2f(0.5)).n).ravel()[:3]
             else:
-                parts, faces[-1] = _parts_of(shape, TOPS // len(emitters)) if same else ([], faces[-1])
+                parts, faces[-1] = _parts_of(shape, PARTS // len(emitters)) if same else ([], faces[-1])
                 whole = sum(p.area.sum() for p in parts)
                 for part in parts:
                     middle, radius, mean, cone = part.bounds()
@@ -184,6 +189,8 @@ def collect(scene) -> Lights:
                     rows.append((*middle, *mean, cone, radius, phi * part.area.sum() / whole))
                 if parts:
                     continue
+                # Only spheres of one radiance are sampled by solid angle
+                cone = 1.0 if same and re.match("Sphere", str(shape)) else -1.0
         owner.append(k)
         rows.append((*c, *n, cone, r, phi))
         if shape is not None and not same:
@@ -242,17 +249,18 @@ def _touched(scene, table: np.ndarray) -> bool:
     table : ndarray, shape (lights, 9)
         Centre, normal, cosine of the normals' cone, radius and brightness.
     """
-    boxes = [(np.array(s.bbox().min).ravel(), np.array(s.bbox().max).ravel()) for s in scene.shapes() if s.bbox().valid()]
-    if not boxes:
-        return False
-    low, high = (np.array(b, dtype=np.float64) for b in zip(*boxes, strict=True))
-    for centre, normal, cone, r in zip(table[:, :3], table[:, 3:6], table[:, 6], table[:, 7], strict=True):
-        if r <= 0:
-            continue
-        away = np.linalg.norm(np.maximum(np.maximum(low - centre, centre - high), 0), axis=1)
-        # The farthest that a box reaches to the emitting side
-        ahead = np.maximum((low - centre) * normal, (high - centre) * normal).sum(axis=1)
-        if ((away < (1 + CLOSE) * r) & ((cone < 1) | (ahead > 1e-3 * r))).any():
+    boxes = [b for b in (s.bbox() for s in scene.shapes()) if b.valid()]
+    low, high = (np.array([np.array(x).ravel() for x in side]) for side in ([b.min for b in boxes], [b.max for b in boxes]))
+    lights = table[table[:, 7] > 0]
+    step = max(_PAIRS // max(len(boxes), 1), 1)
+    for some in (lights[k : k + step] for k in range(0, len(lights), step) if boxes):
+        centre, normal, cone, r = some[:, None, :3], some[:, None, 3:6], some[:, 6:7], some[:, 7:8]
+        # Distances of all boxes from these lights; the farthest that a box reaches to the emitting side
+        from_low, from_high = low - centre, high - centre
+        away = np.maximum(np.maximum(from_low, -from_high), 0)
+        near = (away**2).sum(-1) < ((1 + CLOSE) * r) ** 2
+        ahead = np.maximum(from_low * normal, from_high * normal).sum(-1)
+        if (near & ((cone < 1) | (ahead > 1e-3 * r))).any():
             return True
     return False
 

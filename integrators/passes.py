@@ -10,6 +10,7 @@ import mitsuba as mi
 from . import cells
 from .bounce import indirect
 from .camera import Frame, scramble
+from .clusters import COUNTED
 from .points import net_1d, net_2d, shuffle
 from .proof import tolerance, unobstructed
 from .rectangle import rectangle_light
@@ -66,10 +67,11 @@ def first_hit(shading: Shading, frame: Frame, corner, s, keys):
 
 def _trusting(shading: Shading, seen: list, tried: list):
     """Factor of each top's importance: lower for lights that the neighbours' pilots did not see."""
-    if not seen or shading.lights.tops > 8 * len(seen):
+    if not seen:
         return lambda l: mi.Float(1)
 
-    def trust(l):
+    def trust(top):
+        l = shading.lights.counter(top)
         shift = mi.UInt64((l & 7) << 3)
         word = lambda words: dr.select(l < 8, words[0], words[-1])  # noqa: E731
         v = mi.Float(mi.UInt32((word(seen) >> shift) & 255))
@@ -123,7 +125,7 @@ def pilot(shading: Shading, frame: Frame, seed, rays: int, probe: bool) -> Pilot
     unsure = active & ~proven
 
     seen, tried = cells.empty(16), cells.empty(16)
-    light_seen, light_tried = cells.empty(16), cells.empty(16)
+    light_seen, light_tried = cells.empty(COUNTED), cells.empty(COUNTED)
     lit_sum, all_sum, squares, traced = mi.Spectrum(0), mi.Spectrum(0), mi.Float(0), mi.UInt32(0)
     r, before, weight_l, chosen = mi.UInt32(0), mi.Float(0), mi.Float(0), mi.UInt32(0)
     if dr.hint(several, mode="scalar"):
@@ -148,7 +150,8 @@ def pilot(shading: Shading, frame: Frame, seed, rays: int, probe: bool) -> Pilot
             cell = mi.UInt32(u.y * grid) * 4 + mi.UInt32(u.x * grid)
             tried, seen = cells.count(tried, cell, useful), cells.count(seen, cell, lit)
             if dr.hint(several, mode="scalar"):
-                light_tried, light_seen = cells.count(light_tried, l, useful), cells.count(light_seen, l, lit)
+                counter = lights.counter(l)
+                light_tried, light_seen = cells.count(light_tried, counter, useful), cells.count(light_seen, counter, lit)
             all_sum += rho
             squares += dr.square(mi.luminance(to_rgb(rho * weight, ray.wavelengths)))
             lit_sum += dr.select(lit, rho, 0)

@@ -19,7 +19,7 @@ import mitsuba as mi
 import numpy as np
 
 from . import cells
-from .clusters import ascend, descend
+from .clusters import TOPS, ascend, descend
 from .lights import Lights, any_close, collect, importance
 from .order import turn
 from .points import net_2d
@@ -303,8 +303,9 @@ def several_lights(surface: Surface, trust, rays, s, keys):
     """
     lights = surface.shading.lights
     active = mi.Bool(surface.active)
-    # Sums of the tops' importances up to each
-    upto = dr.alloc_local(mi.Float, lights.tops)
+    # Sums of the tops' importances up to each. Dr.Jit 1.5 takes kernels that differ in local memory's size alone for one,
+    # and would run this scene's with another's: it is always of one size, which is a constant below, too
+    upto = dr.alloc_local(mi.Float, TOPS)
     count = dr.opaque(mi.UInt32, lights.tops)
     # Of full width from the start: local memory is a lane's own
     none = 0 * s
@@ -321,7 +322,7 @@ def several_lights(surface: Surface, trust, rays, s, keys):
         # One net over all lights, each as wide as it is important
         u = net_2d(s * rays + (r ^ odd), keys[0], keys[1])
         target = u.x * total
-        l, high = mi.UInt32(none), none + count - 1
+        l, high = mi.UInt32(none), dr.minimum(none + count, TOPS) - 1
         while l < high:
             middle = (l + high) >> 1
             above = upto.read(middle) <= target

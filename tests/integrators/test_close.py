@@ -16,10 +16,17 @@ def upright(shape, bottom=0.0):
     return {"type": shape, "to_world": place, "emitter": glow}
 
 
+def tube(bottom):
+    """Return a glowing tube that stands on the floor."""
+    glow = {"type": "area", "radiance": {"type": "rgb", "value": [3, 2, 1]}}
+    return {"type": "cylinder", "p0": [0.1, bottom, -0.4], "p1": [0.1, bottom + 1, -0.4], "radius": 0.15, "emitter": glow}
+
+
 LAMPS = {
     "rectangle": lambda: {"lamp": upright("rectangle")},
     "disk": lambda: {"lamp": upright("disk")},
     "cube": lambda: {"lamp": upright("cube", 0.02)},
+    "cylinder": lambda: {"lamp": tube(-0.5)},
     "two": lambda: {"lamp": upright("rectangle"), "other": upright("sphere", 0.6)},
 }
 
