@@ -5,7 +5,7 @@ import mitsuba as mi
 import numpy as np
 import pytest
 
-COUNT = 45
+COUNT = 150
 
 
 def T():
@@ -21,7 +21,8 @@ def lights_of_all_kinds(count=COUNT, suns=0, seed=3, spread=2):
         colour = {"type": "rgb", "value": list(rng.uniform(0.2, 1, 3) * 2)}
         place = T().translate(list(rng.uniform([-spread, 1, -spread], [spread, 2.5, spread])))
         axis = rng.normal(size=3)
-        turned = place @ T().rotate(list(axis / np.linalg.norm(axis)), rng.uniform(0, 360)) @ T().scale(rng.uniform(0.05, 0.2))
+        turn = T().rotate(list(axis / np.linalg.norm(axis)), rng.uniform(0, 360))
+        turned = place @ turn @ T().scale(rng.uniform(0.05, 0.2))
         if kind == "point":
             found[f"light{k}"] = {"type": "point", "to_world": place, "intensity": {"type": "rgb", "value": 0.1}}
         else:
@@ -30,6 +31,17 @@ def lights_of_all_kinds(count=COUNT, suns=0, seed=3, spread=2):
         down = [np.cos(k), -1.0, np.sin(k)]
         found[f"sun{k}"] = {"type": "directional", "direction": down, "irradiance": 0.02 * (1 + k)}
     return found
+
+
+def ceilings(count=COUNT):
+    """Return squares that all look down, at any height."""
+    rng = np.random.default_rng(5)
+    glow = {"type": "area", "radiance": 1.0}
+    places = (T().translate(list(rng.uniform([-2, 0, -2], [2, 3, 2]))) for _ in range(count))
+    return {
+        f"light{k}": {"type": "rectangle", "to_world": p @ T().rotate([1, 0, 0], 90) @ T().scale(0.1), "emitter": glow}
+        for k, p in enumerate(places)
+    }
 
 
 def collected(lights):
@@ -88,10 +100,11 @@ def points(n=300, seed=1):
     return rng.uniform([-2, 0, -2], [2, 3, 2], (n, 3)), normal
 
 
-def test_no_importance_only_where_no_light_below_has_any(variant_llvm):
+@pytest.mark.parametrize("kind", [lights_of_all_kinds, ceilings])
+def test_no_importance_only_where_no_light_below_has_any(variant_llvm, kind):
     from intervis.integrators.lights import importance
 
-    lights, _scene = collected(lights_of_all_kinds(90))
+    lights, _scene = collected(kind())
     p, n = points()
     args = mi.Point3f(p.T), mi.Vector3f(n.T), mi.Bool(False)
     lists = below(lights.clusters)
@@ -108,7 +121,7 @@ def test_lights_are_found_as_often_as_their_chance_says(variant_llvm, specular):
     from intervis.integrators.clusters import ascend, descend
     from intervis.integrators.lights import importance
 
-    lights, _scene = collected(lights_of_all_kinds(90))
+    lights, _scene = collected(lights_of_all_kinds())
     tree, steps = lights.clusters, 4096
     p, n = mi.Point3f(0.3, 0.2, -0.4), mi.Vector3f(0.6, 0.8, 0)
     weigh = lambda k: importance(lights, k, p, n, mi.Bool(False), mi.Bool(specular))  # noqa: E731
@@ -129,7 +142,7 @@ def test_lights_are_found_as_often_as_their_chance_says(variant_llvm, specular):
 def test_close_lights_are_found_below_clusters(variant_llvm):
     from intervis.integrators.lights import CLOSE, any_close
 
-    lights, _scene = collected(lights_of_all_kinds(150))
+    lights, _scene = collected(lights_of_all_kinds())
     p, _ = points(2000)
     table = np.array(lights.table, dtype=np.float64).reshape(-1, 12)
     want = np.zeros(len(p), dtype=bool)
