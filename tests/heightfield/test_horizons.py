@@ -1,5 +1,8 @@
 """Horizons, sky view and shadow: closed forms, then brute force in float64 on the stated surface."""
 
+import intervis  # noqa: F401, I001  (first: it names a good LLVM before Dr.Jit loads one)
+
+import drjit as dr
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -82,6 +85,18 @@ def test_shared_lines_find_the_horizon(name):
     assert (fast <= exact + 1e-5).all()
     assert np.percentile(np.degrees(exact - fast), 99) < 0.05
     assert np.degrees(exact - fast).mean() < 0.01
+
+
+def test_large_fields_have_kernels_of_their_own():
+    """Lines' hulls lie in local memory, whose size alone makes no other kernel to Dr.Jit 1.5: a dome's would overflow."""
+    kernels = []
+    for columns in (40, 400):
+        y, x = np.mgrid[:40, :columns]
+        with dr.scoped_set_flag(dr.JitFlag.KernelHistory, True):
+            dr.kernel_history_clear()
+            HeightField(-0.01 * (x * x + y * y)).horizons([1.3], method="tree")
+            kernels.append({k["hash"] for k in dr.kernel_history([dr.KernelType.JIT])})
+    assert kernels[1] - kernels[0]
 
 
 @pytest.mark.parametrize("azimuth", [0.0, 0.4, np.pi / 4, 2.0, 3.5, 5.5])
