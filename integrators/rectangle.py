@@ -17,7 +17,7 @@ def uniform(emitter, parameters) -> bool:
     """Whether an area light has one radiance all over, the same in all directions; ``parameters`` are its shape's."""
     if mi.has_flag(emitter.flags(), mi.EmitterFlags.DeltaDirection):
         return False
-    return "emitter.radiance.value" in parameters and np.size(parameters["emitter.radiance.value"]) <= 3
+    return "emitter.radiance.value" in parameters and dr.width(parameters["emitter.radiance.value"]) == 1
 
 
 def read_matrix(matrix) -> np.ndarray:
