@@ -149,7 +149,7 @@ def build(rows: np.ndarray, pack) -> Clusters | None:
     rows : ndarray, shape (N, 9)
         As `lights.collect` has them.
     pack : callable
-        From such rows, and the number of lights in each, to twelve numbers each.
+        From such rows, and the number of lights in each, to a table of twelve numbers each (mi.Float).
 
     Returns
     -------
@@ -204,7 +204,7 @@ def build(rows: np.ndarray, pack) -> Clusters | None:
     as_index = lambda v: mi.UInt32(v.astype(np.uint32))  # noqa: E731
     return Clusters(
         tops,
-        mi.Float(pack(np.concatenate(parts), np.concatenate(sizes)).ravel()),
+        pack(np.concatenate(parts), np.concatenate(sizes)),
         mi.Float(np.concatenate(widest).astype(np.float32)),
         *(as_index(v) for v in (child, after, parent, light, node, counter)),
     )

@@ -202,12 +202,18 @@ def collect(scene) -> Lights:
     return _arrays(scene, emitters, rectangle, owner, rows, pieces, faces, start)
 
 
-def _pack(rows: np.ndarray, count) -> np.ndarray:
+def _pack(rows: np.ndarray, count):
     # Twelve numbers a light, as in `Lights.table`, or a cluster of so many lights
     centre, normal, cone, radius, power = np.split(rows, [3, 6, 7, 8], axis=1)
     size, flare = np.linalg.norm(normal, axis=1, keepdims=True), np.sqrt(np.clip(1 - cone**2, 0, 1))
     count = np.broadcast_to(count, len(rows))[:, None]
-    return np.concatenate([centre, radius, normal, size, power, cone, flare, count], axis=1).astype(np.float32)
+    packed = np.concatenate([centre, radius, normal, size, power, cone, flare, count], axis=1).astype(np.float32)
+    # Dr.Jit borrows NumPy's memory. Only where that happens to be aligned for it are four numbers gathered at once, by other
+    # kernels, which take seconds to compile: its own is always aligned
+    table = dr.empty(mi.Float, packed.size)
+    dr.scatter(table, mi.Float(packed.ravel()), dr.arange(mi.UInt32, packed.size))
+    dr.eval(table)
+    return table
 
 
 def _arrays(scene, emitters, rectangle, owner, rows, pieces, faces, start) -> Lights:
@@ -228,7 +234,7 @@ def _arrays(scene, emitters, rectangle, owner, rows, pieces, faces, start) -> Li
         count=len(owner),
         emitters=[emitters[k] for k in owner],
         pointers=dr.gather(mi.EmitterPtr, pointers, mi.UInt32(owner)),
-        table=mi.Float(_pack(table, 1).ravel()),
+        table=_pack(table, 1),
         clusters=build(table, _pack),
         touched=_touched(scene, table),
         rectangle=rectangle if len(owner) == 1 else None,
