@@ -28,7 +28,7 @@ class Clusters:
     tops : int
         Number of trees, whose roots are the first nodes.
     table : mi.Float
-        Twelve numbers a node, as in `lights.Lights.table`.
+        Twelve numbers a node, as in `lights.Lights.table`; the last is how many lights there are below.
     widest : mi.Float
         Largest radius among each node's lights.
     child : mi.UInt32
