@@ -70,11 +70,6 @@ class Lights:
     groups: object = None
 
     @property
-    def power(self) -> np.ndarray:
-        """Brightness of each light, as ``table`` has it: (count,) float32."""
-        return np.array(self.table).reshape(-1, 12)[:, 8]
-
-    @property
     def tops(self) -> int:
         """Number of lights, or of clusters of them, that are compared jointly."""
         return self.count if self.clusters is None else self.clusters.tops
