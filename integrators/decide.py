@@ -19,6 +19,7 @@ AROUND = 0.1  # share of the undecidedness of 15×15 pixels that every pixel the
 RARE = 0.02  # share of what hits in one pixel differ by, over 15×15 pixels: thin things escape most looks nearby
 GENTLE = 0.02  # differences of neighbours, relative to their light, below which they are shading rather than edges
 HIT_COST = 8.0  # cost of a camera hit in shadow rays
+BESIDE = 0.03  # the same of lamps within 3×3 pixels, told by light samples from the camera
 OUTLINE = 0.01  # share of the variance of emitted light within 5×5 pixels that every pixel there is on its guard against
 SMOOTH = 0.3  # where nothing is in the way, light samples vary smoothly: nets leave less of their noise than a ray suggests
 MAX_LOG_RAYS = 3  # at most 8 shadow rays a hit
@@ -155,9 +156,23 @@ def decide(pilot, frame, classifier: str, grid: int, named: bool, refinement: bo
     edge = covered * (1 - covered)
     # Small bright lamps may escape all looks nearby; one hit in few that meets them would stand out
     edge = dr.maximum(edge, OUTLINE * dr.maximum(glow2 - glow1 * glow1, 0) / (glow1 * glow1 + 0.01))
+    if pilot.lamps is not None:
+        edge = dr.maximum(edge, _unmet(pilot, frame, level, e1))
     error, need = (dr.sqrt(dr.maximum(x, edge)) for x in (error, need))
     error, need = (dr.select(alone | ~dr.isfinite(x), 1, x) for x in (error, need))
     return Decision(label, guess, mask, mean, refine, rays, error, need, near_seen[2:], near_tried[2:])
+
+
+def _unmet(pilot, frame, level, met):
+    """Relative variance of a hit from lamps in view, which light samples tell of; less what looks nearby have met of them."""
+    most = pilot.lamps_squared / dr.maximum(pilot.lamps, 1e-30)
+    # Few samples of a lamp larger than a pixel may add up to more than it has
+    lamps = dr.minimum(pilot.lamps, most)
+    inside = lamps * (most - lamps) * dr.maximum(1 - met / dr.maximum(most, 1e-30), 0)
+    sums = cells.window_sum([pilot.lamps, pilot.lamps_squared], frame.width, frame.height, 1)
+    m, q = (v / 8 for v in sums)
+    beside = BESIDE * dr.maximum(q - m * m, 0)
+    return dr.maximum(inside / (dr.square(level + lamps) + 0.01), beside / (m * m + 0.01))
 
 
 def _moments(b, e):

@@ -38,6 +38,8 @@ class Pilot:
     proven: object  # mi.Float, radius within which of `point` nothing can stand before the light; 0 where unknown
     probe_bright: object = None  # mi.Float, luminance of `bright` at another hit of the pixel, for decisions only
     probe_emission: object = None  # mi.Float
+    lamps: object = None  # mi.Float, luminance of lamps in view, by light samples from the camera
+    lamps_squared: object = None  # mi.Float, mean square of the same
 
 
 def to_rgb(value, wavelengths):
@@ -147,7 +149,7 @@ def pilot(shading: Shading, frame: Frame, seed, rays: int, probe: bool) -> Pilot
                 u.x = dr.clip((target - before) / dr.maximum(weight_l, 1e-30), 0, 1 - 2**-20)
                 chosen, share, u.x = surface.find(l, u.x, unsure & (weight_l > 0))
                 chance = weight_l / total * share
-            ds, w = surface.light_sample(chosen, u, active & (chance > 0))
+            ds, w = lights.sample(si, chosen, u, active & (chance > 0))
             rho, useful = surface.integrand(ds, w, chance, active & (chance > 0))
             lit = surface.visible(ds.p, useful)
             cell = mi.UInt32(u.y * grid) * 4 + mi.UInt32(u.x * grid)

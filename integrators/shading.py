@@ -20,7 +20,8 @@ import numpy as np
 
 from . import cells
 from .clusters import TOPS, ascend, descend
-from .lights import Lights, any_close, collect, importance
+from .collect import collect
+from .lights import Lights, any_close, importance
 from .order import turn
 from .points import net_2d
 from .proof import collect_blockers
@@ -198,23 +199,6 @@ class Surface:
         clusters = self.shading.lights.clusters
         return (l, mi.Float(1)) if clusters is None else ascend(clusters, self.importance, l, active)
 
-    def light_sample(self, l, u, active):
-        """Sample a direction towards light number ``l``."""
-        lights = self.shading.lights
-        # The object itself where there is only one emitter, which spares virtual calls
-        emitter = lights.emitters[0] if lights.alone else dr.gather(mi.EmitterPtr, lights.pointers, l, active)
-        if lights.parts is None:
-            ds, weight = emitter.sample_direction(self.si, u, active)
-        elif lights.alone:
-            ds, weight = lights.parts.sample(self.si, emitter, l, u, active)
-        else:
-            part = dr.gather(mi.UInt32, lights.parts.count, l, active) > 0
-            ds, weight = emitter.sample_direction(self.si, u, active & ~part)
-            other, brightness = lights.parts.sample(self.si, emitter, l, u, active & part)
-            ds, weight = dr.select(part, other, ds), dr.select(part, brightness, weight)
-        ds.p = lights.end(ds, emitter, self.si.p)
-        return ds, weight
-
 
 @dr.syntax
 def single_light(surface: Surface, guess, mask, rays, s, s0, s1, refine):
@@ -253,7 +237,7 @@ def single_light(surface: Surface, guess, mask, rays, s, s0, s1, refine):
         c, stop = mi.UInt32(0), dr.select(active, mi.UInt32(16), mi.UInt32(0))
         while c < stop:
             v = mi.Point2f((mi.Float(c & 3) + jitter.x) * 0.25, (mi.Float(c >> 2) + jitter.y) * 0.25)
-            ds, weight = surface.light_sample(l, v, active)
+            ds, weight = surface.shading.lights.sample(surface.si, l, v, active)
             rho, useful = surface.integrand(ds, weight, mi.Float(1), active)
             value += rho * (cells.fraction(guess, c) * mi.Float(1 / 16))
             c += 1
@@ -266,7 +250,7 @@ def single_light(surface: Surface, guess, mask, rays, s, s0, s1, refine):
         if dr.hint(refine, mode="scalar"):
             cell, u, density = cells.sample(mask, u, mi.Float(FLOOR))
             g = cells.fraction(guess, cell)
-        ds, weight = surface.light_sample(l, u, active)
+        ds, weight = surface.shading.lights.sample(surface.si, l, u, active)
         rho, useful = surface.integrand(ds, weight, density, active)
         lit = surface.visible(ds.p, useful)
         acc += rho * (dr.select(lit, mi.Float(1), mi.Float(0)) - g)
@@ -333,7 +317,7 @@ def several_lights(surface: Surface, trust, rays, s, keys):
         u.x = dr.clip((target - before) / dr.maximum(weight, 1e-30), 0, 1 - 2**-20)
         chosen, share, u.x = surface.find(l, u.x, active & (weight > 0))
         chance = weight / total * share
-        ds, w = surface.light_sample(chosen, u, active & (chance > 0))
+        ds, w = lights.sample(surface.si, chosen, u, active & (chance > 0))
         rho, useful = surface.integrand(ds, w, chance, active & (chance > 0))
         lit = surface.visible(ds.p, useful)
         bright += rho

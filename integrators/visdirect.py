@@ -13,6 +13,7 @@ from ..visibility import VisibilityClass
 from . import assemble, passes
 from .camera import Frame
 from .decide import allocate, decide
+from .in_view import in_view, samples_of
 from .shading import prepare
 
 MOST = 2**31 - 1  # of rays in a pixel, and samples
@@ -139,6 +140,10 @@ def define(base):
             pilot_rays = 0 if not shading.lights.count else min(4, 2 * spp - 1, self.max_rays)
             probe = spp >= PROBED and shading.lights.count > 0
             look = passes.pilot(shading, frame, seed, max(pilot_rays, 1), probe)
+            aimed = samples_of(shading, sensor, 2 * spp * frame.pixels)
+            if aimed:
+                look.lamps, look.lamps_squared, traced = in_view(shading, frame, seed, aimed)
+                look.traced += traced
             dr.eval(vars(look))
             clock.lap("pilot")
 
@@ -159,6 +164,7 @@ def define(base):
             # Without lights only outlines are worth rays
             wanted = shading.lights.count > 0 or alpha is not None
             budget = frame.pixels * max(2 * spp - 1 - pilot_rays - probe, 0) if wanted else 0
+            budget = max(budget - aimed * shading.lights.count, 0)
             most = self.max_rays if self.limited else min(max(self.max_rays, 32 * spp), MOST)
             allocate(decision, frame, seed, budget, most, pilot_rays, self.threshold)
             if trades:

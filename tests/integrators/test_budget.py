@@ -42,7 +42,7 @@ SIDE = 48
 ROW, COLUMN = 24, 9
 
 
-def expected_error(bright=None, mixed=None, thin=None):
+def expected_error(bright=None, mixed=None, thin=None, glow=None, lamps=None):
     """Error expected of a hit in each pixel of a picture, all lit evenly but for what is given.
 
     Parameters
@@ -53,6 +53,10 @@ def expected_error(bright=None, mixed=None, thin=None):
         Pixels half of whose light cells are hidden.
     thin : pair of int
         A pixel one of whose two looks met something black.
+    glow : (SIDE, SIDE) array
+        Lamps that looks have met.
+    lamps : pair of (SIDE, SIDE) arrays
+        Mean and mean square of lamps in view, by light samples.
     """
     from intervis.integrators.decide import decide
 
@@ -66,17 +70,20 @@ def expected_error(bright=None, mixed=None, thin=None):
     if mixed is not None:
         seen[1][mixed] = 0
     n = SIDE * SIDE
-    dark, colour = dr.zeros(mi.Color3f, n), mi.Color3f(mi.Float(bright.ravel()))
+    glow, colour = mi.Float(np.zeros(n) if glow is None else glow.ravel()), mi.Color3f(mi.Float(bright.ravel()))
+    mean, square = (None, None) if lamps is None else (mi.Float(x.ravel()) for x in lamps)
     pilot = SimpleNamespace(
         bright=colour,
-        emission=dark,
+        emission=mi.Color3f(glow),
         noise=dr.zeros(mi.Float, n),
         proven=dr.zeros(mi.Float, n),
         rays=4,
         seen=[mi.UInt64(w.ravel()) for w in seen],
         tried=tried,
         probe_bright=mi.Float(probe.ravel()),
-        probe_emission=dr.zeros(mi.Float, n),
+        probe_emission=glow,
+        lamps=mean,
+        lamps_squared=square,
     )
     frame = SimpleNamespace(width=SIDE, height=SIDE, pixels=n)
     return np.array(decide(pilot, frame, "threshold", 4, False, False).error).reshape(SIDE, SIDE)
@@ -100,3 +107,23 @@ def test_shading_is_no_edge(variant_llvm):
     # Neighbours that are one per cent apart; inside a pixel light differs by 0.3 %, and nets take most of that away
     assert shaded[ROW, 20] < 0.005
     assert edge[ROW, 30] > 0.2
+
+
+def test_lamps_below_a_pixel_are_expected_where_light_samples_put_them(variant_llvm):
+    mean, square = np.zeros((2, SIDE, SIDE))
+    mean[ROW, COLUMN], square[ROW, COLUMN] = 5, 250
+    error = expected_error(lamps=(mean, square))
+    # A tenth of the pixel at 50: a hit's variance is 0.1 * 0.9 * 50², next to light of 1 + 5
+    assert error[ROW, COLUMN] == pytest.approx(np.sqrt(225 / 36.01), rel=0.01)
+    # Beside it 3 % of their mean square less their mean's; farther off nothing
+    beside = 0.03 * (250 / 8 - (5 / 8) ** 2) / ((5 / 8) ** 2 + 0.01)
+    np.testing.assert_allclose(error[ROW - 1 : ROW + 2, COLUMN + 1], np.sqrt(beside), rtol=0.01)
+    assert error[ROW, COLUMN + 2] == error[ROW, 40]
+
+
+def test_lamps_that_looks_have_met_are_left_to_them(variant_llvm):
+    """Few light samples of a large lamp make some of its pixels look half covered."""
+    glow, mean = np.zeros((2, SIDE, SIDE))
+    glow[ROW - 6 : ROW + 7, 10:23], mean[ROW, 16] = 50, 25
+    error = expected_error(glow=glow, lamps=(mean, 50 * mean))
+    assert error[ROW, 16] == pytest.approx(error[ROW, 14], rel=0.5) and error[ROW, 16] < 0.1

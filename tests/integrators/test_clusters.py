@@ -46,7 +46,7 @@ def ceilings(count=COUNT):
 
 def collected(lights):
     """Return the lights, and the scene, which must outlive them."""
-    from intervis.integrators.lights import collect
+    from intervis.integrators.collect import collect
 
     scene = mi.load_dict({"type": "scene", **lights})
     return collect(scene), scene

@@ -26,7 +26,7 @@ def test_another_seed_compiles_nothing(variant_llvm, settings):
 
 def test_the_lights_table_lies_where_four_numbers_are_gathered_at_once(variant_llvm):
     """What NumPy made is borrowed by Dr.Jit, and aligned only now and then: kernels would be of two kinds by chance."""
-    from intervis.integrators.lights import collect
+    from intervis.integrators.collect import collect
 
     scene = mi.load_dict(scenes.manylights(width=32, height=18))
     kept, places = [], []

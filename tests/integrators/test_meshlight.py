@@ -32,7 +32,7 @@ def ball(path, smooth=False, flip=False, steps=12):
 
 def collected(lights):
     """Return the lights, and the scene, which must outlive them."""
-    from intervis.integrators.lights import collect
+    from intervis.integrators.collect import collect
 
     scene = mi.load_dict({"type": "scene", **lights})
     return collect(scene), scene

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from intervis.errors import InputError
-from intervis.integrators.lights import collect
+from intervis.integrators.collect import collect
 from intervis.scenes import load
 
 
