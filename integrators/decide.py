@@ -165,9 +165,9 @@ def decide(pilot, frame, classifier: str, grid: int, named: bool, refinement: bo
 
 def _unmet(pilot, frame, level, met):
     """Relative variance of a hit from lamps in view, which light samples tell of; less what looks nearby have met of them."""
-    most = pilot.lamps_squared / dr.maximum(pilot.lamps, 1e-30)
-    # Few samples of a lamp larger than a pixel may add up to more than it has
-    lamps = dr.minimum(pilot.lamps, most)
+    lamps = pilot.lamps
+    most = pilot.lamps_squared / dr.maximum(lamps, 1e-30)
+    # Few samples of a lamp larger than a pixel may add up to more than it has: below nought then
     inside = lamps * (most - lamps) * dr.maximum(1 - met / dr.maximum(most, 1e-30), 0)
     sums = cells.window_sum([pilot.lamps, pilot.lamps_squared], frame.width, frame.height, 1)
     m, q = (v / 8 for v in sums)

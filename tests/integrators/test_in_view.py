@@ -93,7 +93,16 @@ def test_out_of_focus(variant_llvm):
     assert mean.sum() == pytest.approx(RADIANCE * 0.01, rel=0.02)
     assert square.sum() == pytest.approx(RADIANCE**2 * 0.01, rel=0.02)
     assert mean[distance < radius + 0.75].sum() == pytest.approx(mean.sum(), rel=1e-3)
+    assert np.count_nonzero(mean > 0.3 * mean.max()) > 0.5 * np.pi * radius**2 > 3
     assert traced[8, 8] == 256
+
+
+def test_its_rays_are_counted(variant_llvm):
+    """A lamp alone, which has nothing to shine on: 2 rays a sample in 16×16 pixels, of which one in 512 goes here."""
+    scene = mi.load_dict({"type": "scene", "sensor": pinhole(), "lamp": lamp(11, 3, 0.5)})
+    integrator = mi.load_dict({"type": "visdirect"})
+    mi.render(scene, integrator=integrator, spp=64)
+    assert integrator.report.rays["pilot"] == 64
 
 
 def test_no_lamps_to_see(variant_llvm):
