@@ -85,9 +85,9 @@ def test_what_the_camera_does_not_see_of_a_lamp(variant_llvm, kind):
 
 def test_out_of_focus(variant_llvm):
     """A point 4 away, seen by a lens focused 2 away, is spread over a disk of twice the lens' radius, at that distance."""
-    lens = pinhole("thinlens", aperture_radius=0.2, focus_distance=2.0)
+    lens = pinhole("thinlens", aperture_radius=0.6, focus_distance=2.0)
     mean, square, traced = told(lens, samples=256, lamp=lamp(8, 8, 0.1))
-    radius = 0.2 * (AWAY - 2) / 2 / (2 * AWAY * np.tan(np.radians(FOV / 2)) / SIDE)
+    radius = 0.6 * (AWAY - 2) / 2 / (2 * AWAY * np.tan(np.radians(FOV / 2)) / SIDE)
     y, x = np.indices(mean.shape) + 0.5
     distance = np.hypot(x - 8.5, y - 8.5)
     assert mean.sum() == pytest.approx(RADIANCE * 0.01, rel=0.02)
