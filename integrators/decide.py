@@ -158,6 +158,11 @@ def decide(pilot, frame, classifier: str, grid: int, named: bool, refinement: bo
     edge = dr.maximum(edge, OUTLINE * dr.maximum(glow2 - glow1 * glow1, 0) / (glow1 * glow1 + 0.01))
     if pilot.lamps is not None:
         edge = dr.maximum(edge, _unmet(pilot, frame, level, e1))
+    if pilot.glints is not None:
+        highlight, variance = pilot.glints
+        # Mirrors try no light samples, and small things few
+        seen = mi.Float(total_seen + 1) / mi.Float(total_tried + 1)
+        edge = dr.maximum(edge, seen * variance / (dr.square(level + seen * highlight) + 0.01))
     error, need = (dr.sqrt(dr.maximum(x, edge)) for x in (error, need))
     error, need = (dr.select(alone | ~dr.isfinite(x), 1, x) for x in (error, need))
     return Decision(label, guess, mask, mean, refine, rays, error, need, near_seen[2:], near_tried[2:])

@@ -11,6 +11,7 @@ from . import cells
 from .bounce import indirect
 from .camera import Frame, scramble
 from .clusters import COUNTED
+from .glints import Shine
 from .points import net_1d, net_2d, shuffle
 from .proof import tolerance, unobstructed
 from .rectangle import rectangle_light
@@ -38,6 +39,8 @@ class Pilot:
     proven: object  # mi.Float, radius within which of `point` nothing can stand before the light; 0 where unknown
     probe_bright: object = None  # mi.Float, luminance of `bright` at another hit of the pixel, for decisions only
     probe_emission: object = None  # mi.Float
+    shine: Shine | None = None  # at that other hit, if any surface is shiny
+    glints: object = None  # mi.Float, mean and variance of highlights within pixels
     lamps: object = None  # mi.Float, luminance of lamps in view, by light samples from the camera
     lamps_squared: object = None  # mi.Float, mean square of the same
 
@@ -87,8 +90,8 @@ def _trusting(shading: Shading, seen: list, tried: list):
 
 
 def _reflected(shading: Shading, surface: Surface, s, keys, rays, trust, total, active=True):
-    """Light found by following one BSDF sample where it is wanted, weighted against the light samples."""
-    value, l, pdf, density, traced = surface.reflect(
+    """Light found by following one BSDF sample where it is wanted, weighted against the light samples; rays; and the lobe."""
+    value, l, pdf, density, traced, lobe = surface.reflect(
         net_1d(shuffle(s, keys[10]), keys[11]), net_2d(shuffle(s, keys[11]), keys[10], keys[6]), surface.follow & active
     )
     chance = mi.Float(1)
@@ -98,7 +101,7 @@ def _reflected(shading: Shading, surface: Surface, s, keys, rays, trust, total, 
     # Balance heuristic, the other side of Surface.integrand
     other = mi.Float(rays) * chance * density
     value *= dr.select(other > 0, pdf / dr.maximum(pdf + other, 1e-30), 1)
-    return dr.select(dr.all(dr.isfinite(value)), value, 0), dr.select(traced, mi.UInt32(1), mi.UInt32(0))
+    return dr.select(dr.all(dr.isfinite(value)), value, 0), dr.select(traced, mi.UInt32(1), mi.UInt32(0)), lobe
 
 
 @dr.syntax
@@ -173,7 +176,7 @@ def pilot(shading: Shading, frame: Frame, seed, rays: int, probe: bool) -> Pilot
         noise = dr.maximum(noise, 0) * mi.Float(rays / (rays - 1))
     reflected = mi.UInt32(0)
     if dr.hint(lights.count > 0 and shading.follows, mode="scalar"):
-        extra, reflected = _reflected(shading, surface, s, keys, count, lambda l: mi.Float(1), total)
+        extra, reflected, _ = _reflected(shading, surface, s, keys, count, lambda l: mi.Float(1), total)
         lit_sum += extra
         bright += extra
     if dr.hint(shading.closed, mode="scalar"):
@@ -216,17 +219,21 @@ def _probe(shading: Shading, frame: Frame, seed, index, rays):
     ray, si, emission, weight, _ = first_hit(shading, frame, frame.corner(index), s, keys)
     surface = Surface(shading, si, si.is_valid(), rays)
     surface.blind = True
-    full, total = mi.Spectrum(0), mi.Float(0)
+    full, total, shine = mi.Spectrum(0), mi.Float(0), None
     if shading.lights.count == 1 and not (shading.closed and shading.lambert):
         full = single_light(surface, mi.UInt64(0), mi.UInt32(0), rays, s, keys[8], keys[9], False)[1]
     elif shading.lights.count > 1:
         _, full, _, total = several_lights(surface, lambda l: mi.Float(1), rays, s, [keys[8], keys[9]])
     if shading.lights.count and shading.follows and not (shading.closed and shading.lambert):
-        full += _reflected(shading, surface, s, keys, rays, lambda l: mi.Float(1), total)[0]
+        extra, _, (lobe, strength) = _reflected(shading, surface, s, keys, rays, lambda l: mi.Float(1), total)
+        full += extra
+        if not shading.lambert:
+            hit, n = si.is_valid(), mi.Vector3f(surface.facing())
+            shine = Shine(dr.select(hit, si.p, 0), dr.select(hit, n, 0), lobe, strength)
     if shading.closed:
         light = surface.rectangle()
         full = dr.select(surface.plain, light.radiance * light.unshadowed(), full)
-    return (mi.luminance(to_rgb(x * weight, ray.wavelengths)) for x in (full, emission))
+    return *(mi.luminance(to_rgb(x * weight, ray.wavelengths)) for x in (full, emission)), shine
 
 
 def _footprint(frame: Frame, position, si):
@@ -304,7 +311,7 @@ def spend(shading: Shading, frame: Frame, seed, index, s, look: Pilot, decision,
     reflected = mi.UInt32(0)
     if dr.hint(shading.lights.count > 0 and shading.follows and not closed_only, mode="scalar"):
         elsewhere = ~surface.plain if shading.closed else True
-        extra, reflected = _reflected(shading, surface, s, keys, rays, trust, total, elsewhere)
+        extra, reflected, _ = _reflected(shading, surface, s, keys, rays, trust, total, elsewhere)
         value += extra
         full += extra
     if dr.hint(shading.closed, mode="scalar"):

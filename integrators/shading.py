@@ -21,6 +21,7 @@ import numpy as np
 from . import cells
 from .clusters import TOPS, ascend, descend
 from .collect import collect
+from .glints import GLASS, SHARP
 from .lights import Lights, any_close, importance
 from .order import turn
 from .points import net_2d
@@ -165,10 +166,11 @@ class Surface:
 
     @dr.syntax
     def reflect(self, s1, s2, active):
-        """Follow one BSDF sample to a light: its weighted radiance, the light's number, and both densities."""
+        """Follow one BSDF sample to a light: its weighted radiance, the light's number, both densities, and how it shines."""
         scene, si = self.shading.scene, self.si
         sample, weight = self.bsdf.sample(mi.BSDFContext(), si, s1, s2, active)
-        active = active & dr.any(weight != 0)
+        followed = active & dr.any(weight != 0)
+        active = mi.Bool(followed)
         next_si = scene.ray_intersect(si.spawn_ray(si.to_world(sample.wo)), active)
         emitter = next_si.emitter(scene, active)
         ds = mi.DirectionSample3f(scene, next_si, si)
@@ -183,7 +185,13 @@ class Surface:
             l = lights.index(emitter, next_si.prim_index)
         if dr.hint(lights.parts is not None, mode="scalar"):
             density *= dr.gather(mi.Float, lights.parts.share, l)
-        return value, l, sample.pdf, dr.select(delta, 0, density), active
+        # Density and strength of the lobe, if it mirrors. A mirror's density is the chance that it was chosen: low for glass
+        mirrored = followed & (sample.wo.z * si.wi.z > 0)
+        glass = followed & mi.has_flag(self.bsdf.flags(), mi.BSDFFlags.DeltaReflection)
+        lobe = dr.select(glass, SHARP, dr.select(mirrored, sample.pdf, 0))
+        strength = dr.max(mi.unpolarized_spectrum(weight)) * dr.select(delta, sample.pdf, 1)
+        strength = dr.maximum(dr.select(mirrored, strength, 0), dr.select(glass, GLASS, 0))
+        return value, l, sample.pdf, dr.select(delta, 0, density), active, (lobe, strength)
 
     def importance(self, k):
         """What a top, or any cluster of lights, might add."""

@@ -13,6 +13,7 @@ from ..visibility import VisibilityClass
 from . import assemble, passes
 from .camera import Frame
 from .decide import allocate, decide
+from .glints import glints
 from .in_view import in_view, samples_of
 from .shading import prepare
 
@@ -144,6 +145,8 @@ def define(base):
             if aimed:
                 look.lamps, look.lamps_squared, traced = in_view(shading, frame, seed, aimed)
                 look.traced += traced
+            if look.shine is not None:
+                look.glints = glints(shading, frame, look.shine)
             dr.eval(vars(look))
             clock.lap("pilot")
 

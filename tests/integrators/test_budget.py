@@ -42,7 +42,7 @@ SIDE = 48
 ROW, COLUMN = 24, 9
 
 
-def expected_error(bright=None, mixed=None, thin=None, glow=None, lamps=None):
+def expected_error(bright=None, mixed=None, thin=None, glow=None, lamps=None, glints=None, tries=1):
     """Error expected of a hit in each pixel of a picture, all lit evenly but for what is given.
 
     Parameters
@@ -57,6 +57,10 @@ def expected_error(bright=None, mixed=None, thin=None, glow=None, lamps=None):
         Lamps that looks have met.
     lamps : pair of (SIDE, SIDE) arrays
         Mean and mean square of lamps in view, by light samples.
+    glints : pair of (SIDE, SIDE) arrays
+        Mean and variance of highlights within pixels.
+    tries : int
+        Light samples a pixel and cell; mirrors have none.
     """
     from intervis.integrators.decide import decide
 
@@ -65,7 +69,8 @@ def expected_error(bright=None, mixed=None, thin=None, glow=None, lamps=None):
     if thin is not None:
         probe[thin] = 0
     # Four rays a pixel in cells 0, 5, 10 and 15; packed eight counters to a word
-    seen = [np.full((SIDE, SIDE), 1 + (1 << 40), np.uint64), np.full((SIDE, SIDE), (1 << 16) + (1 << 56), np.uint64)]
+    seen = [np.full((SIDE, SIDE), tries + (tries << 40), np.uint64)]
+    seen.append(np.full((SIDE, SIDE), (tries << 16) + (tries << 56), np.uint64))
     tried = [mi.UInt64(w.ravel().copy()) for w in seen]
     if mixed is not None:
         seen[1][mixed] = 0
@@ -84,6 +89,7 @@ def expected_error(bright=None, mixed=None, thin=None, glow=None, lamps=None):
         probe_emission=glow,
         lamps=mean,
         lamps_squared=square,
+        glints=glints and [mi.Float(x.ravel()) for x in glints],
     )
     frame = SimpleNamespace(width=SIDE, height=SIDE, pixels=n)
     return np.array(decide(pilot, frame, "threshold", 4, False, False).error).reshape(SIDE, SIDE)
@@ -127,3 +133,13 @@ def test_lamps_that_looks_have_met_are_left_to_them(variant_llvm):
     glow[ROW - 6 : ROW + 7, 10:23], mean[ROW, 16] = 50, 25
     error = expected_error(glow=glow, lamps=(mean, 50 * mean))
     assert error[ROW, 16] == pytest.approx(error[ROW, 14], rel=0.5) and error[ROW, 16] < 0.1
+
+
+@pytest.mark.parametrize("tries", [0, 1])
+def test_highlights_below_a_pixel_are_expected_where_they_are_told(variant_llvm, tries):
+    mean, variance = np.zeros((2, SIDE, SIDE))
+    mean[ROW, COLUMN], variance[ROW, COLUMN] = 3, 40
+    error = expected_error(glints=(mean, variance), tries=tries)
+    # Next to light of 1, or of none where none was tried
+    assert error[ROW, COLUMN] == pytest.approx(np.sqrt(40 / ((3 + tries) ** 2 + 0.01)), rel=0.01)
+    assert error[ROW, COLUMN + 1] == error[ROW, 40]

@@ -1,0 +1,108 @@
+"""Glints: highlights smaller than a pixel, on shiny things that bend much within it. Looks miss them; mirror directions tell.
+
+A surface whose normal turns by so much from pixel to pixel mirrors a range of directions in each. If a lamp lies in that
+range, part of the pixel shows its highlight: as large a part as the lamp, widened by the surface's lobe, is of the range.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import drjit as dr
+import mitsuba as mi
+
+from .cells import neighbors
+from .lights import importance
+
+REACH = 0.75  # share of what normals turn in a pixel that they may be off from the one that was hit
+SHARP = 1e8  # density of the lobe of a mirror, 1/sr
+GLASS = 0.04  # share that glass mirrors, at least
+
+
+@dataclass
+class Shine:
+    """How surfaces mirror, at one hit a pixel."""
+
+    point: object  # mi.Point3f
+    normal: object  # mi.Vector3f, towards the camera; zero on a miss
+    lobe: object  # mi.Float, density of a direction sampled from the lobe, 1/sr; 0 where nothing is mirrored
+    strength: object  # mi.Float, share of the light that is
+
+
+def glints(shading, frame, shine: Shine):
+    """Mean and variance, from one hit to another of a pixel, of highlights within it.
+
+    Parameters
+    ----------
+    shading : Shading
+    frame : Frame
+    shine : Shine
+
+    Returns
+    -------
+    mean, variance : mi.Float
+        Of luminances, were nothing in the way.
+    """
+    w, h = (dr.opaque(mi.Int32, n) for n in (frame.width, frame.height))
+    index = dr.arange(mi.UInt32, frame.pixels)
+    x, y = mi.Int32(index) % w, mi.Int32(index) // w
+
+    def beside(dx, dy):
+        inside = (x + dx >= 0) & (x + dx < w) & (y + dy >= 0) & (y + dy < h)
+        return mi.UInt32((y + dy) * w + x + dx), inside
+
+    def turn(*steps):
+        # How much the normal turns in a pixel along an axis: outlines are no bends, so the side where it is less
+        turns = []
+        for step in steps:
+            at, inside = beside(*step)
+            turns.append(dr.select(inside, dr.norm(dr.gather(mi.Vector3f, shine.normal, at) - shine.normal), dr.inf))
+        least = dr.minimum(*turns)
+        return dr.select(dr.isfinite(least), least, 0)
+
+    # Lobes are sampled, and those of several layers are met by chance
+    lobe, strength = shine.lobe, shine.strength
+    for dx in (-1, 0, 1):
+        for dy in (-1, 0, 1):
+            at, inside = beside(dx, dy)
+            lobe = dr.maximum(lobe, dr.gather(mi.Float, shine.lobe, at, inside))
+            strength = dr.maximum(strength, dr.gather(mi.Float, shine.strength, at, inside))
+    across, down = turn((-1, 0), (1, 0)), turn((0, -1), (0, 1))
+    ray, _ = frame.ray(frame.corner(index) + 0.5)
+    mean, variance = _sum(shading.lights, shine.point, shine.normal, ray.o, lobe, strength, across, down)
+    # Looks that missed small things say nothing of the rest of their pixels
+    most = [mean, variance]
+    for values, _ in neighbors([mean, variance], frame.width, frame.height):
+        most = [dr.maximum(m, v) for m, v in zip(most, values, strict=True)]
+    missed = shine.lobe == 0
+    return tuple(dr.select(missed, m, v) for m, v in zip(most, (mean, variance), strict=True))
+
+
+@dr.syntax
+def _sum(lights, p, n, eye, lobe, strength, across, down):
+    # Over the lights, or the clusters of them that are compared jointly
+    mean, variance = mi.Float(0), mi.Float(0)
+    k, count = mi.UInt32(0), dr.opaque(mi.UInt32, lights.tops)
+    wi = dr.normalize(eye - p)
+    curved = (lobe > 0) & (dr.squared_norm(n) > 0) & (across + down > 0)
+    while curved & (k < count):
+        ball = dr.gather(mi.Vector4f, lights.nodes, 3 * k)
+        d, r = mi.Vector3f(ball.x, ball.y, ball.z) - p, dr.maximum(ball.w, 0)
+        d2 = dr.squared_norm(d) + r * r
+        # Solid angle and width of a highlight among mirrored directions, which turn twice as fast as normals
+        spot = dr.rcp(lobe) + dr.pi * r * r / d2
+        width = dr.sqrt(spot)
+        off = dr.norm(dr.normalize(wi + dr.normalize(d)) - n)
+        near = (ball.w >= 0) & (off < REACH * (across + down) + 0.5 * width)
+        s, t = 2 * across / width, 2 * down / width
+        share = dr.rcp((1 + s) * (1 + t))
+        # Of a surface that looks all ways a quarter is seen from any side
+        seen = dr.select((r > 0) & (dr.gather(mi.Float, lights.nodes, 12 * k + 7) == 0), 0.25, 1)
+        value = seen * strength * importance(lights, k, p, n, mi.Bool(False)) / spot
+        # A highlight of several pixels is seen by all that look
+        q = s * s + t * t
+        part = share * q * q / ((12 + q) * (1 + q))
+        mean += dr.select(near, value * share, 0)
+        variance += dr.select(near, value * value * part, 0)
+        k += 1
+    return mean, variance
