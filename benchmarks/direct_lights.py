@@ -74,16 +74,23 @@ SCENES = {"hall": hall, "rooms": rooms}
 
 def compare(name: str, count: int, width: int, repeats: int, cache: Path, reference: int) -> tuple[list, np.ndarray]:
     """Measure one scene: a row of the table, and the gain of every repeat."""
-    from .direct_runs import SAMPLERS, Setup, add_reference, direct, measure, visdirect
-
-    T, height = mi.ScalarTransform4f, width * 9 // 16
+    T = mi.ScalarTransform4f
     floor = {"type": "rectangle", "to_world": T().rotate([1, 0, 0], -90).scale(20)}
     view = T().look_at([0, 7, 13] if name == "hall" else [0, 17, 13], [0, 0, 0], [0, 1, 0])
-    film = {"type": "hdrfilm", "width": width, "height": height, "rfilter": {"type": "box"}}
-    camera = {"type": "perspective", "fov": 50, "to_world": view, "film": film}
-    scene = mi.load_dict({"type": "scene", "floor": floor, **SCENES[name](count)})
+    scene = {"type": "scene", "floor": floor, **SCENES[name](count)}
+    camera = {"type": "perspective", "fov": 50, "to_world": view}
+    row, gain = beside_direct(f"{name}-{count}", scene, camera, width, repeats, cache, reference)
+    return [name, count, *row], gain
+
+
+def beside_direct(name, scene, camera, width: int, repeats: int, cache: Path, reference: int) -> tuple[list, np.ndarray]:
+    """Measure `visdirect` beside the best setting of `direct`: columns of a table, and the gain of every repeat."""
+    from .direct_runs import SAMPLERS, Setup, add_reference, direct, measure, visdirect
+
+    height = width * 9 // 16
+    camera = {**camera, "film": {"type": "hdrfilm", "width": width, "height": height, "rfilter": {"type": "box"}}}
     sensors = {s: mi.load_dict({**camera, "sampler": {"type": s}}) for s in SAMPLERS}
-    s = Setup(f"{name}-{count}", scene, sensors, True, width * height)
+    s = Setup(name, mi.load_dict(scene), sensors, True, width * height)
     add_reference(s, cache, reference)
     theirs, ours = [direct(s, *setting, SPP) for setting in SETTINGS], visdirect(s, "unbiased", SPP)
     for r in range(-1, repeats):
@@ -93,7 +100,7 @@ def compare(name: str, count: int, width: int, repeats: int, cache: Path, refere
     time = np.median(ours.times) / np.median(best.times)
     error = np.mean(ours.errors) / np.mean(best.errors)
     gain = np.array(best.times) * np.mean(best.errors) / (np.array(ours.times) * np.mean(ours.errors))
-    row = [name, count, best.setting, f"{np.median(best.times):.2f} s", f"{np.median(ours.times):.2f} s", f"{time:.2f}"]
+    row = [best.setting, f"{np.median(best.times):.2f} s", f"{np.median(ours.times):.2f} s", f"{time:.2f}"]
     return [*row, f"{error:.4f}", f"{np.median(gain):.1f}× [{gain.min():.1f}, {gain.max():.1f}]"], gain
 
 
