@@ -83,14 +83,14 @@ def compare(name: str, count: int, width: int, repeats: int, cache: Path, refere
     return [name, count, *row], gain
 
 
-def beside_direct(name, scene, camera, width: int, repeats: int, cache: Path, reference: int) -> tuple[list, np.ndarray]:
+def beside_direct(name, scene, camera, width, repeats, cache, reference, matt=True) -> tuple[list, np.ndarray]:
     """Measure `visdirect` beside the best setting of `direct`: columns of a table, and the gain of every repeat."""
     from .direct_runs import SAMPLERS, Setup, add_reference, direct, measure, visdirect
 
     height = width * 9 // 16
     camera = {**camera, "film": {"type": "hdrfilm", "width": width, "height": height, "rfilter": {"type": "box"}}}
     sensors = {s: mi.load_dict({**camera, "sampler": {"type": s}}) for s in SAMPLERS}
-    s = Setup(name, mi.load_dict(scene), sensors, True, width * height)
+    s = Setup(name, mi.load_dict(scene), sensors, matt, width * height)
     add_reference(s, cache, reference)
     theirs, ours = [direct(s, *setting, SPP) for setting in SETTINGS], visdirect(s, "unbiased", SPP)
     for r in range(-1, repeats):
