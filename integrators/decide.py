@@ -19,8 +19,8 @@ AROUND = 0.1  # share of the undecidedness of 15×15 pixels that every pixel the
 RARE = 0.02  # share of what hits in one pixel differ by, over 15×15 pixels: thin things escape most looks nearby
 GENTLE = 0.02  # differences of neighbours, relative to their light, below which they are shading rather than edges
 HIT_COST = 8.0  # cost of a camera hit in shadow rays
-BESIDE = 0.03  # the same of lamps within 3×3 pixels, told by light samples from the camera
 OUTLINE = 0.01  # share of the variance of emitted light within 5×5 pixels that every pixel there is on its guard against
+BESIDE = 0.03  # the same of lamps within 3×3 pixels, told by light samples from the camera
 SMOOTH = 0.3  # where nothing is in the way, light samples vary smoothly: nets leave less of their noise than a ray suggests
 MAX_LOG_RAYS = 3  # at most 8 shadow rays a hit
 
