@@ -74,9 +74,9 @@ class Shading:
 
 
 def _is_lambertian(bsdf) -> bool:
-    names = set(re.findall(r"(?:^|= )([A-Z]\w+)\[", str(bsdf)))
-    surfaces = {n for n in names if not re.search("Spectrum|Texture|Bitmap|Checkerboard|Mesh|Volume|Transform", n)}
-    return bool(surfaces) and surfaces <= {"SmoothDiffuse", "TwoSided", "TwoSidedBRDF"}
+    text = str(bsdf)
+    sides = re.findall(r"brdf\[\d\] = (.*)", text) if text.startswith("TwoSided") else [text]
+    return bool(sides) and all(re.match(r"SmoothDiffuse\b", side) for side in sides)
 
 
 def _registered(pointers) -> np.ndarray:

@@ -1,11 +1,14 @@
 """Everything a Mitsuba scene may contain, against Mitsuba's own `direct`."""
 
+import re
+
 import mitsuba as mi
 import numpy as np
 import pytest
 
 from intervis.errors import InputError
 from intervis.integrators.brightness import bounds
+from intervis.integrators.shading import prepare
 
 
 def T():
@@ -117,6 +120,7 @@ BSDFS = {
     "plastic": lambda: {"type": "plastic", "diffuse_reflectance": rgb(0.5, 0.2, 0.2)},
     "roughplastic": lambda: {"type": "roughplastic", "alpha": 0.1},
     "principled": lambda: {"type": "principled", "base_color": rgb(0.7, 0.3, 0.2), "roughness": 0.3, "metallic": 0.4},
+    "principled_twosided": lambda: {"type": "twosided", "bsdf": BSDFS["principled"]()},
     "normalmap": lambda: {
         "type": "normalmap",
         "normalmap": {"type": "bitmap", "raw": True, "bitmap": bitmap((16, 16), 1, 0.5)},
@@ -139,7 +143,7 @@ BSDFS = {
 
 QUICK_EMITTERS = ("rectangle", "sphere", "spot", "rectangle_textured", "directionalarea")
 QUICK_MIXED = ("two_rectangles", "area_and_aside_spot", "area_and_central_point")
-QUICK_BSDFS = ("roughconductor", "checkerboard", "plastic")
+QUICK_BSDFS = ("roughconductor", "checkerboard", "plastic", "principled_twosided")
 
 
 def slowly(names, quick):
@@ -186,6 +190,14 @@ def test_mixed_emitters(kit, name):
 @pytest.mark.parametrize("name", slowly(BSDFS, QUICK_BSDFS))
 def test_every_bsdf(kit, name):
     kit.compare(kit.room(bsdf=BSDFS[name]()))
+
+
+@pytest.mark.parametrize("name", [n for n in BSDFS if not re.search("dielectric|twosided|mask", n)])
+def test_only_matt_surfaces_are_taken_for_matt(kit, name):
+    """Whatever plugins call themselves: on one side or on both."""
+    matt = name in ("black", "bitmap", "checkerboard")
+    for bsdf in (BSDFS[name](), {"type": "twosided", "bsdf": BSDFS[name]()}):
+        assert prepare(mi.load_dict(kit.room(bsdf=bsdf))).lambert is matt
 
 
 @pytest.mark.slow
