@@ -210,8 +210,8 @@ class Totals:
                 dr.eval(self.block.tensor())
 
     def _pilot(self):
-        value = self.pilot.value + self.decision.mean * self.pilot.control + self.pilot.emission
-        return value, self.pilot.emission
+        value = self.pilot.value + self.decision.mean * self.pilot.control + self.pilot.straight
+        return value, self.pilot.straight
 
     def mix(self, pilot, sums):
         """Pool the pilot's estimate with the mean over the added hits."""

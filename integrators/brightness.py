@@ -68,28 +68,41 @@ def bounds(scene) -> tuple[np.ndarray, np.ndarray]:
     return (np.min(boxes, axis=0), np.max(boxes, axis=0)) if boxes else (np.zeros(3), np.zeros(3))
 
 
-def brightness_elsewhere(emitter, extent) -> tuple[np.ndarray, float, float]:
-    """Place, radius (−1 at infinity, 0 else) and brightness of a light without a surface.
+def brightness_elsewhere(emitter, extent) -> tuple[np.ndarray, np.ndarray, float, float, float]:
+    """Place, axis (zero but for spots), cosine of their cut-off, radius (−1 at infinity, 0 else) and brightness of a light
+    without a surface.
 
     It is probed: from the middle of the scene, whose ``extent`` is by `bounds`, then, if it has a place, along the rays
     that it sends out.
     """
+    axis, cutoff = _beam(emitter)
     lower, upper = extent
     centre, size = 0.5 * (lower + upper), max(float(np.linalg.norm(upper - lower)), 1e-6)
     position, value, distance = _probe(emitter, np.repeat(centre[:, None], 64, axis=1))
     # A sun has no place: seen from a wrong one it would be below horizons above which it stands
     if mi.has_flag(emitter.flags(), mi.EmitterFlags.Infinite) or not np.all(np.isfinite(distance)):
-        return centre, -1.0, max(float(np.mean(value)), 1e-6)
+        return centre, axis, cutoff, -1.0, max(float(np.mean(value)), 1e-6)
     # A spot may miss the scene's middle: its intensity is looked at along rays that it sends, and counts as its root mean
-    # square over all directions, so that a narrow beam does not draw the rays of all that it misses
+    # square, over all directions where its cone is not known, so that a narrow beam does not draw the rays of all it misses
     place = position[:, 0]
     leaving = _leaving(emitter, 1024)
     if leaving is None:
-        return place, 0.0, max(float(np.max(value * distance**2)), 1e-6)
+        return place, axis, cutoff, 0.0, max(float(np.max(value * distance**2)), 1e-6)
     ray, flux = leaving
     _, value, distance = _probe(emitter, place[:, None] + size * np.array(ray.d, dtype=np.float64))
-    square = np.mean(value * distance**2 * _luminance(flux, ray.wavelengths)) / (4 * np.pi)
-    return place, 0.0, max(float(np.sqrt(square)), 1e-6)
+    square = np.mean(value * distance**2 * _luminance(flux, ray.wavelengths)) / (2 * np.pi * (1 - cutoff))
+    return place, axis, cutoff, 0.0, max(float(np.sqrt(square)), 1e-6)
+
+
+def _beam(emitter) -> tuple[np.ndarray, float]:
+    # Axis of a spot, and the cosine of the angle around it beyond which there is no light; nought and −1 of other lights
+    parameters = mi.traverse(emitter)
+    if "cutoff_angle" not in parameters:
+        return np.zeros(3), -1.0
+    axis = np.array(emitter.world_transform().matrix, dtype=np.float64).reshape(4, 4)[:3, 2]
+    angle = float(np.array(parameters["cutoff_angle"]).ravel()[0])
+    # A light that shines behind itself too has no half-space that it misses
+    return (axis / np.linalg.norm(axis), float(np.cos(np.radians(angle)))) if 0 < angle < 90 else (np.zeros(3), -1.0)
 
 
 def _probe(emitter, points: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -70,7 +70,7 @@ def collect(scene) -> Lights:
         n, cone, rectangle = np.zeros(3), 1.0, None
         if shape is None:
             extent = extent or bounds(scene)
-            c, r, phi = brightness_elsewhere(emitter, extent)
+            c, n, cone, r, phi = brightness_elsewhere(emitter, extent)
         else:
             parameters = mi.traverse(shape)
             same = uniform(emitter, parameters)
@@ -136,6 +136,7 @@ def _arrays(scene, emitters, rectangle, owner, rows, pieces, faces, start) -> Li
         pointers=dr.gather(mi.EmitterPtr, pointers, mi.UInt32(owner)),
         table=_pack(table, 1),
         clusters=build(table, _pack),
+        beams=bool(((table[:, 7] == 0) & table[:, 3:6].any(axis=1)).any()),
         touched=_touched(scene, table),
         rectangle=rectangle if len(owner) == 1 else None,
         parts=parts,

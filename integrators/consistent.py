@@ -61,7 +61,7 @@ def smooth(total, image, grid):
     own, shared = (lights[0] - lights[1]) * scale, (brights[0] - brights[1]) * ratio * scale
     trust = _benefit(frame, *ratios, *(_ratio(*half) for half in halves), own, shared)
     w = total.decision.pilot_weight
-    pilot = total.pilot.value + total.decision.mean * total.pilot.control + total.pilot.emission
+    pilot = total.pilot.value + total.decision.mean * total.pilot.control + total.pilot.straight
     out = (dr.lerp(light, bright * ratio, trust) + 0.5 * (straights[0] + straights[1])) * (1 - w) + pilot * w
     return mi.Color3f(dr.select(known & (noise > 0), out, image))
 

@@ -69,7 +69,7 @@ def decide(pilot, frame, classifier: str, grid: int, named: bool, refinement: bo
         With ``hits`` and ``pilot_weight`` still empty.
     """
     one = mi.Float(dr.full(mi.Float, 1, frame.pixels))
-    glow = mi.luminance(pilot.emission) + 0 * one
+    glow = mi.luminance(pilot.straight) + 0 * one
     apart = 0 * one
     if pilot.probe_bright is not None:
         apart = 0.5 * dr.square(mi.luminance(pilot.bright) - pilot.probe_bright)
@@ -115,9 +115,9 @@ def decide(pilot, frame, classifier: str, grid: int, named: bool, refinement: bo
     spread = dr.sqrt(dr.square(spread) + AROUND * mixed)
     # Noise from inside the pixel (edges, textures) shows as differences between neighbours. Those of this pixel are in no
     # sum of its own; but its probe is, which is in no estimate
-    looks = [mi.luminance(pilot.bright), mi.luminance(pilot.emission)]
+    looks = [mi.luminance(pilot.bright), mi.luminance(pilot.straight)]
     looks += [pilot.noise + 0 * one, dr.select(pilot.proven > 0, mi.Float(1), mi.Float(0)) + 0 * one]
-    probe = [] if pilot.probe_bright is None else [pilot.probe_bright, pilot.probe_emission]
+    probe = [] if pilot.probe_bright is None else [pilot.probe_bright, pilot.probe_straight]
     cover = [] if alpha is None else [alpha]
     moments = _moments(*probe) if probe else [mi.Float(0)] * 5
     count, noise, proven, covered = mi.Float(0), mi.Float(0), mi.Float(0), mi.Float(0)
@@ -200,7 +200,7 @@ def allocate(decision, frame, seed, budget: float, max_rays: int, pilot_rays: in
     scale = dr.opaque(mi.Float, float(budget / max(dr.sum(share * cost)[0], 1e-20)))
     # Pixels at their limit hand on what they cannot use
     least = dr.opaque(mi.Float, budget / frame.pixels * LEAST)
-    for _ in range(4):
+    for _ in range(8):
         spent = float(dr.sum(dr.minimum(dr.maximum(share * scale, least), most) * cost)[0])
         if spent <= 0 or spent >= 0.995 * budget:
             break

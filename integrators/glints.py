@@ -84,8 +84,10 @@ def _sum(lights, p, n, eye, lobe, strength, across, down):
     mean, variance = mi.Float(0), mi.Float(0)
     k, count = mi.UInt32(0), dr.opaque(mi.UInt32, lights.tops)
     wi = dr.normalize(eye - p)
-    curved = (lobe > 0) & (dr.squared_norm(n) > 0) & (across + down > 0)
-    while curved & (k < count):
+    # Glass chooses at random whether it mirrors, be it flat
+    chosen = dr.select(lobe >= SHARP, dr.rcp(dr.clip(strength, GLASS, 1)) - 1, 0)
+    some = (lobe > 0) & (dr.squared_norm(n) > 0) & ((across + down > 0) | (chosen > 0))
+    while some & (k < count):
         ball = dr.gather(mi.Vector4f, lights.nodes, 3 * k)
         d, r = mi.Vector3f(ball.x, ball.y, ball.z) - p, dr.maximum(ball.w, 0)
         d2 = dr.squared_norm(d) + r * r
@@ -93,7 +95,8 @@ def _sum(lights, p, n, eye, lobe, strength, across, down):
         spot = dr.rcp(lobe) + dr.pi * r * r / d2
         width = dr.sqrt(spot)
         off = dr.norm(dr.normalize(wi + dr.normalize(d)) - n)
-        near = (ball.w >= 0) & (off < REACH * (across + down) + 0.5 * width)
+        # Mirrors do not show points
+        near = (ball.w >= dr.select(lobe >= SHARP, 1e-30, 0)) & (off < REACH * (across + down) + 0.5 * width)
         s, t = 2 * across / width, 2 * down / width
         share = dr.rcp((1 + s) * (1 + t))
         # Of a surface that looks all ways a quarter is seen from any side
@@ -103,6 +106,6 @@ def _sum(lights, p, n, eye, lobe, strength, across, down):
         q = s * s + t * t
         part = share * q * q / ((12 + q) * (1 + q))
         mean += dr.select(near, value * share, 0)
-        variance += dr.select(near, value * value * part, 0)
+        variance += dr.select(near, value * value * (part + chosen * share), 0)
         k += 1
     return mean, variance

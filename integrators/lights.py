@@ -10,6 +10,7 @@ import mitsuba as mi
 from .clusters import Clusters
 
 CLOSE = 0.35  # distance to a light, over its radius, below which light samples alone may be too bright: they go as 1/d²
+FULL = 0.44  # how far inside its cut-off a spot shines in full, as a share of 1 - cosine: three quarters of the angle
 # Farther than any scene, with a square that float32 still holds
 _BEYOND = 1e18
 
@@ -30,9 +31,12 @@ class Lights:
         Twelve numbers a light: centre and radius of a bounding sphere (negative for lights at infinity); the emitting
         side's normal of planar lights, the mean normal of parts of a mesh, or zero, and its length; a bound-like brightness
         (radiance times area for area lights, intensity for points, irradiance at infinity); cosine and sine of the angle
-        around that normal in which all normals lie (cosine 1 for planar lights and spheres; -1 if it is too wide); one.
+        around that normal in which all normals lie (cosine 1 for planar lights and spheres; -1 if it is too wide), which for
+        spots are their axis and cut-off; one.
     clusters : Clusters or None
         Trees over the lights if they are many.
+    beams : bool
+        Some are spots.
     touched : bool
         Some surface may be close to an area light.
     rectangle : tuple or None
@@ -52,6 +56,7 @@ class Lights:
     pointers: object = None
     table: object = None
     clusters: Clusters | None = None
+    beams: bool = False
     touched: bool = False
     rectangle: tuple | None = None
     parts: object = None
@@ -182,6 +187,11 @@ def importance(lights: Lights, index, p, n, transmits, specular=False):
         # Within the sphere, or among normals that look everywhere, some of it always faces the point
         best = dr.select((cone < 0) | (wide_cos < 0) | (off >= wide_cos), 1, best)
         front = dr.select(cone < 1, dr.maximum(front, dr.select(best > -1e-3, 0.3 * dr.maximum(best, 0.03), 0)), front)
+    if lights.beams:
+        # A spot fades from three quarters of its cut-off on, by default; only beyond that there is surely nothing
+        inside = (slant / dr.maximum(b.w, 1e-30) - cone) / dr.maximum(1 - cone, 1e-6)
+        beam = dr.select(inside > -1e-4, dr.clip(inside * (1 / FULL), 0.1, 1), 0)
+        front = dr.select((r == 0) & (b.w > 0), beam, front)
     near = phi * top * front / (d2 + 0.5 * r * r)
     w = dr.select(r < 0, phi, near)
     return dr.select(specular, dr.sqrt(w * count), w)

@@ -27,7 +27,7 @@ class Pilot:
     bright: object  # mi.Color3f, light reflected were nothing in the way
     noise: object  # mi.Float, variance of `bright` from the light samples alone, were there one of them
     rays: int  # light samples a hit
-    emission: object  # mi.Color3f, light straight from emitters
+    straight: object  # mi.Color3f, light that shadows cannot change: from emitters in view, and what BSDF samples found
     alpha: object  # mi.Float
     position: object  # mi.Point2f, film position
     normal: object  # mi.Vector3f, shading normal at the hit, zero on a miss
@@ -38,7 +38,7 @@ class Pilot:
     reflected: object  # mi.UInt32, rays by BSDF sampling
     proven: object  # mi.Float, radius within which of `point` nothing can stand before the light; 0 where unknown
     probe_bright: object = None  # mi.Float, luminance of `bright` at another hit of the pixel, for decisions only
-    probe_emission: object = None  # mi.Float
+    probe_straight: object = None  # mi.Float
     shine: Shine | None = None  # at that other hit, if any surface is shiny
     glints: object = None  # mi.Float, mean and variance of highlights within pixels
     lamps: object = None  # mi.Float, luminance of lamps in view, by light samples from the camera
@@ -177,8 +177,7 @@ def pilot(shading: Shading, frame: Frame, seed, rays: int, probe: bool) -> Pilot
     reflected = mi.UInt32(0)
     if dr.hint(lights.count > 0 and shading.follows, mode="scalar"):
         extra, reflected, _ = _reflected(shading, surface, s, keys, count, lambda l: mi.Float(1), total)
-        lit_sum += extra
-        bright += extra
+        emission += extra
     if dr.hint(shading.closed, mode="scalar"):
         light, plain = surface.rectangle(), surface.plain
         whole = light.radiance * light.unshadowed()
@@ -226,7 +225,7 @@ def _probe(shading: Shading, frame: Frame, seed, index, rays):
         _, full, _, total = several_lights(surface, lambda l: mi.Float(1), rays, s, [keys[8], keys[9]])
     if shading.lights.count and shading.follows and not (shading.closed and shading.lambert):
         extra, _, (lobe, strength) = _reflected(shading, surface, s, keys, rays, lambda l: mi.Float(1), total)
-        full += extra
+        emission += extra
         if not shading.lambert:
             hit, n = si.is_valid(), mi.Vector3f(surface.facing())
             shine = Shine(dr.select(hit, si.p, 0), dr.select(hit, n, 0), lobe, strength)
@@ -312,8 +311,7 @@ def spend(shading: Shading, frame: Frame, seed, index, s, look: Pilot, decision,
     if dr.hint(shading.lights.count > 0 and shading.follows and not closed_only, mode="scalar"):
         elsewhere = ~surface.plain if shading.closed else True
         extra, reflected, _ = _reflected(shading, surface, s, keys, rays, trust, total, elsewhere)
-        value += extra
-        full += extra
+        emission += extra
     if dr.hint(shading.closed, mode="scalar"):
         some = dr.select(surface.plain, rays, 0)
         proven = _proven(shading, look, index, surface)

@@ -79,14 +79,14 @@ def expected_error(bright=None, mixed=None, thin=None, glow=None, lamps=None, gl
     mean, square = (None, None) if lamps is None else (mi.Float(x.ravel()) for x in lamps)
     pilot = SimpleNamespace(
         bright=colour,
-        emission=mi.Color3f(glow),
+        straight=mi.Color3f(glow),
         noise=dr.zeros(mi.Float, n),
         proven=dr.zeros(mi.Float, n),
         rays=4,
         seen=[mi.UInt64(w.ravel()) for w in seen],
         tried=tried,
         probe_bright=mi.Float(probe.ravel()),
-        probe_emission=glow,
+        probe_straight=glow,
         lamps=mean,
         lamps_squared=square,
         glints=glints and [mi.Float(x.ravel()) for x in glints],

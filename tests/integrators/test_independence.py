@@ -50,7 +50,7 @@ def test_a_pixel_does_not_decide_from_its_own_pilot(variant_llvm, name, part):
     here = dr.arange(mi.UInt32, frame.pixels) == PIXEL
     pilot.seen = [dr.select(here, mi.UInt64(0), w) for w in pilot.seen]
     pilot.tried = [dr.select(here, mi.UInt64(0x0404040404040404), w) for w in pilot.tried]
-    for field in ("value", "control", "bright", "emission"):
+    for field in ("value", "control", "bright", "straight"):
         setattr(pilot, field, dr.select(here, mi.Color3f(0.5), getattr(pilot, field)))
     pilot.noise = dr.select(here, mi.Float(0.5), pilot.noise)
     after = decision_of(pilot, frame)[part]

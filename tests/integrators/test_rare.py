@@ -69,8 +69,8 @@ def test_a_narrow_beam_leaves_rays_to_others(kit):
     lights = {"beam": beam, "lamp": kit.lamp()}
     kit.compare(kit.room(lights), spp=64)
     lamp, beam = sorted(power(mi.load_dict(kit.room(lights))))
-    # 300 W/sr over 0.12 % of all directions or a little less
-    assert 300 * np.sqrt(0.0012) * 0.5 < beam < 300 * np.sqrt(0.0012)
+    # 300 W/sr in the inner 9/16 of its cone, from there linearly down, with a mean square of 9/16 + 13/96
+    assert beam == pytest.approx(300 * np.sqrt(9 / 16 + 13 / 96), rel=0.05)
 
 
 def test_hair(kit):
