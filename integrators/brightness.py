@@ -69,11 +69,10 @@ def bounds(scene) -> tuple[np.ndarray, np.ndarray]:
 
 
 def brightness_elsewhere(emitter, extent) -> tuple[np.ndarray, np.ndarray, float, float, float]:
-    """Place, axis (zero but for spots), cosine of their cut-off, radius (−1 at infinity, 0 else) and brightness of a light
-    without a surface.
+    """Place, axis, cosine of the cut-off, radius and brightness of a light without a surface.
 
-    It is probed: from the middle of the scene, whose ``extent`` is by `bounds`, then, if it has a place, along the rays
-    that it sends out.
+    The axis is zero but for spots, the radius −1 at infinity and else 0. The light is probed: from the middle of the
+    scene, whose ``extent`` is by `bounds`, then, if it has a place, along the rays that it sends out.
     """
     axis, cutoff = _beam(emitter)
     lower, upper = extent

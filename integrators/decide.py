@@ -23,6 +23,7 @@ OUTLINE = 0.01  # share of the variance of emitted light within 5×5 pixels that
 BESIDE = 0.03  # the same of lamps within 3×3 pixels, told by light samples from the camera
 SMOOTH = 0.3  # where nothing is in the way, light samples vary smoothly: nets leave less of their noise than a ray suggests
 MAX_LOG_RAYS = 3  # at most 8 shadow rays a hit
+SKY_LOG_RAYS = 1  # at most 2 where skies shine on what mirrors: the BSDF sample of each hit finds them better
 
 
 @dataclass
@@ -73,9 +74,10 @@ def decide(pilot, frame, classifier: str, grid: int, named: bool, refinement: bo
     apart = 0 * one
     if pilot.probe_bright is not None:
         apart = 0.5 * dr.square(mi.luminance(pilot.bright) - pilot.probe_bright)
-    values = pilot.seen + pilot.tried + [glow, dr.square(glow), apart]
-    *near, glow1, glow2, apart = cells.window_sum(values, frame.width, frame.height)
-    glow1, glow2, apart = (v / dr.maximum(cells.window_count(frame.width, frame.height), 1) for v in (glow1, glow2, apart))
+    means = [glow, dr.square(glow), apart] + ([] if pilot.unlike is None else [pilot.unlike])
+    sums = cells.window_sum(pilot.seen + pilot.tried + means, frame.width, frame.height)
+    near, means = sums[: -len(means)], sums[-len(means) :]
+    glow1, glow2, apart, *unlike = (v / dr.maximum(cells.window_count(frame.width, frame.height), 1) for v in means)
     half = len(near) // 2
     near_seen, near_tried = near[:half], near[half:]
     bins = [4 * row + column for row in range(grid) for column in range(grid)]
@@ -107,11 +109,11 @@ def decide(pilot, frame, classifier: str, grid: int, named: bool, refinement: bo
         spread += dr.sqrt(dr.maximum(f * (1 - f), PRIOR * PRIOR))
     spread /= len(fractions)
     # A window's look is a small sample. Those around tell how likely it has missed something, but not where
-    wide, windows = [apart, mean * (1 - mean)], mi.Float(1)
+    wide, windows = [apart, mean * (1 - mean), *unlike], mi.Float(1)
     for far, inside in cells.neighbors(wide, frame.width, frame.height, FAR):
         windows += dr.select(inside, one, 0)
         wide = [w + f for w, f in zip(wide, far, strict=True)]
-    apart, mixed = (w / windows for w in wide)
+    apart, mixed, *unlike = (w / windows for w in wide)
     spread = dr.sqrt(dr.square(spread) + AROUND * mixed)
     # Noise from inside the pixel (edges, textures) shows as differences between neighbours. Those of this pixel are in no
     # sum of its own; but its probe is, which is in no estimate
@@ -140,13 +142,20 @@ def decide(pilot, frame, classifier: str, grid: int, named: bool, refinement: bo
     # Shading varies less inside a pixel than from one to the next, and nets leave next to nothing of it
     camera *= camera / (camera + GENTLE * GENTLE * (level * level + 0.01))
     camera += RARE * mean * mean * dr.maximum(apart - sampling, 0)
+    if unlike:
+        # Glass mirrors one ray in many, as likely here as nearby
+        chance = RARE if pilot.glints is None else dr.maximum(pilot.glints[2], RARE)
+        camera += chance * unlike[0]
     doubt = dr.square(b1 * spread)
     light = doubt + mean * mean * noise * dr.select(mean >= 1, SMOOTH, 1)
     # As many shadow rays a hit as balance what is left of the two, given what a hit and a ray cost
     balance = dr.sqrt(HIT_COST * dr.square(left) * light / dr.maximum(camera, 1e-12 + 1e-6 * level * level))
     # Squares of what is too bright for float32 say nothing
     balance = dr.select(dr.isfinite(balance), balance, 1)
-    rays = mi.UInt32(1) << mi.UInt32(dr.clip(dr.round(dr.log2(dr.maximum(balance, 1))), 0, MAX_LOG_RAYS))
+    most = mi.Float(MAX_LOG_RAYS)
+    if pilot.shine is not None and pilot.shine.sky:
+        most = dr.select(pilot.shine.lobe > 0, SKY_LOG_RAYS, most)
+    rays = mi.UInt32(1) << mi.UInt32(dr.clip(dr.round(dr.log2(dr.maximum(balance, 1))), 0, most))
     # Where nothing can stand in the way there is no doubt, and rays that were planned are spared
     light -= proven * doubt
     light /= dr.power(mi.Float(rays), 1.3)
@@ -159,7 +168,7 @@ def decide(pilot, frame, classifier: str, grid: int, named: bool, refinement: bo
     if pilot.lamps is not None:
         edge = dr.maximum(edge, _unmet(pilot, frame, level, e1))
     if pilot.glints is not None:
-        highlight, variance = pilot.glints
+        highlight, variance, _ = pilot.glints
         # Mirrors try no light samples, and small things few
         seen = mi.Float(total_seen + 1) / mi.Float(total_tried + 1)
         edge = dr.maximum(edge, seen * variance / (dr.square(level + seen * highlight) + 0.01))

@@ -1,7 +1,7 @@
 """Glints: highlights smaller than a pixel, on shiny things that bend much within it. Looks miss them; mirror directions tell.
 
-A surface whose normal turns by so much from pixel to pixel mirrors a range of directions in each. If a lamp lies in that
-range, part of the pixel shows its highlight: as large a part as the lamp, widened by the surface's lobe, is of the range.
+Within a pixel a surface mirrors a range of directions: its normal turns, and it is seen from elsewhere. If a lamp lies in
+that range, part of the pixel shows its highlight: as large a part as the lamp, widened by the surface's lobe, is of it.
 """
 
 from __future__ import annotations
@@ -27,10 +27,11 @@ class Shine:
     normal: object  # mi.Vector3f, towards the camera; zero on a miss
     lobe: object  # mi.Float, density of a direction sampled from the lobe, 1/sr; 0 where nothing is mirrored
     strength: object  # mi.Float, share of the light that is
+    sky: bool  # whether any light is all around
 
 
 def glints(shading, frame, shine: Shine):
-    """Mean and variance, from one hit to another of a pixel, of highlights within it.
+    """Tell of what looks may miss on shiny things.
 
     Parameters
     ----------
@@ -41,7 +42,9 @@ def glints(shading, frame, shine: Shine):
     Returns
     -------
     mean, variance : mi.Float
-        Of luminances, were nothing in the way.
+        Of the luminances of highlights from one hit to another of a pixel, were nothing in the way.
+    chance : mi.Float
+        Of a surface not to mirror, where it does so at random: glass.
     """
     w, h = (dr.opaque(mi.Int32, n) for n in (frame.width, frame.height))
     index = dr.arange(mi.UInt32, frame.pixels)
@@ -68,26 +71,32 @@ def glints(shading, frame, shine: Shine):
             lobe = dr.maximum(lobe, dr.gather(mi.Float, shine.lobe, at, inside))
             strength = dr.maximum(strength, dr.gather(mi.Float, shine.strength, at, inside))
     across, down = turn((-1, 0), (1, 0)), turn((0, -1), (0, 1))
-    ray, _ = frame.ray(frame.corner(index) + 0.5)
-    mean, variance = _sum(shading.lights, shine.point, shine.normal, ray.o, lobe, strength, across, down)
+    middle = frame.corner(index) + 0.5
+    ray, next_ray = frame.ray(middle)[0], frame.ray(middle + mi.Vector2f(1, 0))[0]
+    # How far from each other, at the hit, pixels' rays are, and how much their directions differ
+    distance = dr.norm(shine.point - ray.o)
+    swing = next_ray.d - ray.d
+    step = dr.norm(next_ray.o - ray.o + distance * swing)
+    mean, variance = _sum(shading.lights, shine, -ray.d, lobe, strength, across, down, step, dr.norm(swing))
     # Looks that missed small things say nothing of the rest of their pixels
     most = [mean, variance]
     for values, _ in neighbors([mean, variance], frame.width, frame.height):
         most = [dr.maximum(m, v) for m, v in zip(most, values, strict=True)]
     missed = shine.lobe == 0
-    return tuple(dr.select(missed, m, v) for m, v in zip(most, (mean, variance), strict=True))
+    mean, variance = (dr.select(missed, m, v) for m, v in zip(most, (mean, variance), strict=True))
+    return mean, variance, dr.select(lobe >= SHARP, 1 - dr.clip(strength, GLASS, 1), 0)
 
 
 @dr.syntax
-def _sum(lights, p, n, eye, lobe, strength, across, down):
+def _sum(lights, shine, wi, lobe, strength, across, down, step, swing):
     # Over the lights, or the clusters of them that are compared jointly
+    p, n = shine.point, shine.normal
     mean, variance = mi.Float(0), mi.Float(0)
     k, count = mi.UInt32(0), dr.opaque(mi.UInt32, lights.tops)
-    wi = dr.normalize(eye - p)
-    # Glass chooses at random whether it mirrors, be it flat
+    # Glass chooses at random whether it mirrors
     chosen = dr.select(lobe >= SHARP, dr.rcp(dr.clip(strength, GLASS, 1)) - 1, 0)
-    some = (lobe > 0) & (dr.squared_norm(n) > 0) & ((across + down > 0) | (chosen > 0))
-    while some & (k < count):
+    slant = 2 * dr.maximum(dr.dot(wi, n), 0.1)
+    while (lobe > 0) & (dr.squared_norm(n) > 0) & (k < count):
         ball = dr.gather(mi.Vector4f, lights.nodes, 3 * k)
         d, r = mi.Vector3f(ball.x, ball.y, ball.z) - p, dr.maximum(ball.w, 0)
         d2 = dr.squared_norm(d) + r * r
@@ -95,9 +104,12 @@ def _sum(lights, p, n, eye, lobe, strength, across, down):
         spot = dr.rcp(lobe) + dr.pi * r * r / d2
         width = dr.sqrt(spot)
         off = dr.norm(dr.normalize(wi + dr.normalize(d)) - n)
+        # From pixel to pixel the normal turns that would mirror the lamp, and so does the one that is there
+        flat = (swing + step * dr.rsqrt(d2)) / slant
+        x, y = across + flat, down + flat
         # Mirrors do not show points
-        near = (ball.w >= dr.select(lobe >= SHARP, 1e-30, 0)) & (off < REACH * (across + down) + 0.5 * width)
-        s, t = 2 * across / width, 2 * down / width
+        near = (ball.w >= dr.select(lobe >= SHARP, 1e-30, 0)) & (off < REACH * (x + y) + 0.5 * width)
+        s, t = 2 * x / width, 2 * y / width
         share = dr.rcp((1 + s) * (1 + t))
         # Of a surface that looks all ways a quarter is seen from any side
         seen = dr.select((r > 0) & (dr.gather(mi.Float, lights.nodes, 12 * k + 7) == 0), 0.25, 1)

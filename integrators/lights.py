@@ -86,6 +86,11 @@ class Lights:
         """Whether any light is at infinity: a sky, a sun."""
         return any(mi.has_flag(e.flags(), mi.EmitterFlags.Infinite) for e in self.emitters)
 
+    @property
+    def sky(self) -> bool:
+        """Whether any light is all around."""
+        return any(e.is_environment() for e in self.emitters)
+
     def counter(self, top):
         """Which counter of visibility a top has."""
         return top if self.clusters is None else dr.gather(mi.UInt32, self.clusters.counter, top)

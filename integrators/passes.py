@@ -39,8 +39,9 @@ class Pilot:
     proven: object  # mi.Float, radius within which of `point` nothing can stand before the light; 0 where unknown
     probe_bright: object = None  # mi.Float, luminance of `bright` at another hit of the pixel, for decisions only
     probe_straight: object = None  # mi.Float
+    unlike: object = None  # mi.Float, variance of a hit by what BSDF samples find alone, if any surface is shiny
     shine: Shine | None = None  # at that other hit, if any surface is shiny
-    glints: object = None  # mi.Float, mean and variance of highlights within pixels
+    glints: tuple | None = None  # mean and variance of highlights within pixels, and doubt of what mirrors: see `glints`
     lamps: object = None  # mi.Float, luminance of lamps in view, by light samples from the camera
     lamps_squared: object = None  # mi.Float, mean square of the same
 
@@ -174,10 +175,11 @@ def pilot(shading: Shading, frame: Frame, seed, rays: int, probe: bool) -> Pilot
         # How much light samples differ inside one hit; a closed form has no such noise
         noise = squares * scale - dr.square(mi.luminance(to_rgb(all_sum * weight, ray.wavelengths)))
         noise = dr.maximum(noise, 0) * mi.Float(rays / (rays - 1))
-    reflected = mi.UInt32(0)
+    reflected, found = mi.UInt32(0), mi.Float(0)
     if dr.hint(lights.count > 0 and shading.follows, mode="scalar"):
         extra, reflected, _ = _reflected(shading, surface, s, keys, count, lambda l: mi.Float(1), total)
         emission += extra
+        found = mi.luminance(to_rgb(extra * weight, ray.wavelengths))
     if dr.hint(shading.closed, mode="scalar"):
         light, plain = surface.rectangle(), surface.plain
         whole = light.radiance * light.unshadowed()
@@ -206,33 +208,34 @@ def pilot(shading: Shading, frame: Frame, seed, rays: int, probe: bool) -> Pilot
         traced,
         reflected,
         dr.select(proven, radius, 0),
-        *(_probe(shading, frame, seed, index, count) if probe else ()),
+        *(_probe(shading, frame, seed, index, count, found) if probe else ()),
     )
 
 
-def _probe(shading: Shading, frame: Frame, seed, index, rays):
-    """Unshadowed light and emission of another hit a pixel, whose luminance tells of edges inside the pixel."""
+def _probe(shading: Shading, frame: Frame, seed, index, rays, found):
+    """Light of another hit a pixel, whose luminance tells of edges inside the pixel; how unlike that is which was found."""
     keys = scramble(index, seed, 2)
     # As wide as the film: lights keep their importances lane by lane
     s = 0 * index
     ray, si, emission, weight, _ = first_hit(shading, frame, frame.corner(index), s, keys)
     surface = Surface(shading, si, si.is_valid(), rays)
     surface.blind = True
-    full, total, shine = mi.Spectrum(0), mi.Float(0), None
+    full, total, shine, extra = mi.Spectrum(0), mi.Float(0), None, mi.Spectrum(0)
     if shading.lights.count == 1 and not (shading.closed and shading.lambert):
         full = single_light(surface, mi.UInt64(0), mi.UInt32(0), rays, s, keys[8], keys[9], False)[1]
     elif shading.lights.count > 1:
         _, full, _, total = several_lights(surface, lambda l: mi.Float(1), rays, s, [keys[8], keys[9]])
     if shading.lights.count and shading.follows and not (shading.closed and shading.lambert):
-        extra, _, (lobe, strength) = _reflected(shading, surface, s, keys, rays, lambda l: mi.Float(1), total)
+        extra, _, (lobe, strength, n) = _reflected(shading, surface, s, keys, rays, lambda l: mi.Float(1), total)
         emission += extra
         if not shading.lambert:
-            hit, n = si.is_valid(), mi.Vector3f(surface.facing())
-            shine = Shine(dr.select(hit, si.p, 0), dr.select(hit, n, 0), lobe, strength)
+            hit = si.is_valid()
+            shine = Shine(dr.select(hit, si.p, 0), dr.select(hit, n, 0), lobe, strength, shading.lights.sky)
     if shading.closed:
         light = surface.rectangle()
         full = dr.select(surface.plain, light.radiance * light.unshadowed(), full)
-    return *(mi.luminance(to_rgb(x * weight, ray.wavelengths)) for x in (full, emission)), shine
+    bright, straight, other = (mi.luminance(to_rgb(x * weight, ray.wavelengths)) for x in (full, emission, extra))
+    return bright, straight, None if shine is None else 0.5 * dr.square(other - found), shine
 
 
 def _footprint(frame: Frame, position, si):

@@ -43,6 +43,8 @@ class Shading:
         The only light is a constant rectangle: on Lambertian surfaces unshadowed light has a closed form.
     plain : mi.Bool or None
         Which BSDFs are Lambertian, by what Mitsuba's registry numbers them, where ``closed`` but not all are.
+    bumpy : mi.Bool or None
+        Which have normals of their own, by a normal or a bump map, if any.
     blockers : Blockers or None
         What may stand before that rectangle, if it is simple enough to tell where nothing does.
     follows : bool
@@ -63,6 +65,7 @@ class Shading:
     lambert: bool
     closed: bool
     plain: object = None
+    bumpy: object = None
     blockers: object = None
     follows: bool = False
     integrator: object = None
@@ -89,13 +92,18 @@ def prepare(scene) -> Shading:
     lights = collect(scene)
     bsdfs = [s.bsdf() for s in scene.shapes()]
     lambertian = [b is not None and _is_lambertian(b) for b in bsdfs]
-    lambert, plain = all(lambertian), None
+    lambert = all(lambertian)
     closed = any(lambertian) and lights.rectangle is not None and not mi.is_spectral
-    if closed and not lambert:
-        numbers = {int(_registered(mi.BSDFPtr(b))[0]) for b, is_plain in zip(bsdfs, lambertian, strict=True) if is_plain}
-        plain = mi.Bool([k in numbers for k in range(max(numbers) + 1)])
+    plain = _table(bsdfs, lambertian) if closed and not lambert else None
+    bumpy = _table(bsdfs, [b is not None and re.search(r"(Normal|Bump)Map\[", str(b)) is not None for b in bsdfs])
     blockers = collect_blockers(scene, lights.emitters[0]) if closed else None
-    return Shading(scene, lights, lambert, closed, plain, blockers, not lambert or lights.touched)
+    return Shading(scene, lights, lambert, closed, plain, bumpy, blockers, not lambert or lights.touched)
+
+
+def _table(bsdfs: list, chosen: list):
+    """Return which of Mitsuba's registry numbers are those of the BSDFs that were chosen; None if none were."""
+    numbers = {int(_registered(mi.BSDFPtr(b))[0]) for b, it_is in zip(bsdfs, chosen, strict=True) if it_is}
+    return mi.Bool([k in numbers for k in range(max(numbers) + 1)]) if numbers else None
 
 
 def _lambert(si, bsdf, active):
@@ -106,7 +114,7 @@ def _lambert(si, bsdf, active):
     return bsdf.eval_diffuse_reflectance(si, active) * dr.inv_pi, side
 
 
-def _is_plain(table, bsdf):
+def _is_in(table, bsdf):
     number = dr.reinterpret_array(mi.UInt32, bsdf)
     return dr.gather(mi.Bool, table, number, number < dr.width(table))
 
@@ -123,7 +131,7 @@ class Surface:
             self.plain, self.transmits, self.specular = mi.Bool(True), mi.Bool(False), mi.Bool(False)
         else:
             flags = self.bsdf.flags()
-            self.plain = mi.Bool(False) if shading.plain is None else active & _is_plain(shading.plain, self.bsdf)
+            self.plain = mi.Bool(False) if shading.plain is None else active & _is_in(shading.plain, self.bsdf)
             self.transmits = mi.has_flag(flags, mi.BSDFFlags.Transmission)
             self.specular = active & (mi.has_flag(flags, mi.BSDFFlags.Glossy) | mi.has_flag(flags, mi.BSDFFlags.Delta))
         self.active, self.follow = active, self.specular
@@ -166,7 +174,20 @@ class Surface:
 
     @dr.syntax
     def reflect(self, s1, s2, active):
-        """Follow one BSDF sample to a light: its weighted radiance, the light's number, both densities, and how it shines."""
+        """Follow one BSDF sample to a light.
+
+        Returns
+        -------
+        value : mi.Spectrum
+            Its weighted radiance.
+        l : mi.UInt32
+            The light's number.
+        pdf, density : mi.Float
+            Of BSDF and light samples.
+        traced : mi.Bool
+        lobe : tuple
+            How the surface shines: density, strength and normal of the lobe.
+        """
         scene, si = self.shading.scene, self.si
         sample, weight = self.bsdf.sample(mi.BSDFContext(), si, s1, s2, active)
         followed = active & dr.any(weight != 0)
@@ -191,7 +212,12 @@ class Surface:
         lobe = dr.select(glass, SHARP, dr.select(mirrored, sample.pdf, 0))
         strength = dr.max(mi.unpolarized_spectrum(weight)) * dr.select(delta, sample.pdf, 1)
         strength = dr.maximum(dr.select(mirrored, strength, 0), dr.select(glass, GLASS, 0))
-        return value, l, sample.pdf, dr.select(delta, 0, density), active, (lobe, strength)
+        n = mi.Vector3f(self.facing())
+        if dr.hint(self.shading.bumpy is not None, mode="scalar"):
+            # The normal that it mirrored by
+            half = dr.normalize(si.to_world(sample.wo + si.wi))
+            n = dr.select(mirrored & _is_in(self.shading.bumpy, self.bsdf), half, n)
+        return value, l, sample.pdf, dr.select(delta, 0, density), active, (lobe, strength, n)
 
     def importance(self, k):
         """What a top, or any cluster of lights, might add."""

@@ -87,9 +87,11 @@ def expected_error(bright=None, mixed=None, thin=None, glow=None, lamps=None, gl
         tried=tried,
         probe_bright=mi.Float(probe.ravel()),
         probe_straight=glow,
+        shine=None,
+        unlike=None,
         lamps=mean,
         lamps_squared=square,
-        glints=glints and [mi.Float(x.ravel()) for x in glints],
+        glints=glints and [mi.Float(x.ravel()) for x in (*glints, np.zeros((SIDE, SIDE)))],
     )
     frame = SimpleNamespace(width=SIDE, height=SIDE, pixels=n)
     return np.array(decide(pilot, frame, "threshold", 4, False, False).error).reshape(SIDE, SIDE)

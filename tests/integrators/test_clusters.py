@@ -6,18 +6,19 @@ import numpy as np
 import pytest
 
 COUNT = 150
+KINDS = ("rectangle", "sphere", "disk", "point", "cube", "cylinder", "spot")
 
 
 def T():
     return mi.ScalarTransform4f()
 
 
-def lights_of_all_kinds(count=COUNT, suns=0, seed=3, spread=2):
-    """Return rectangles, disks, spheres, boxes, tubes and points in turn, anywhere above the floor, facing anywhere."""
+def lights_of_all_kinds(count=COUNT, suns=0, seed=3, spread=2, kinds=KINDS):
+    """Return lights of each kind in turn, anywhere above the floor, facing anywhere."""
     rng = np.random.default_rng(seed)
     found = {}
     for k in range(count):
-        kind = ("rectangle", "sphere", "disk", "point", "cube", "cylinder")[k % 6]
+        kind = kinds[k % len(kinds)]
         colour = {"type": "rgb", "value": list(rng.uniform(0.2, 1, 3) * 2)}
         place = T().translate(list(rng.uniform([-spread, 1, -spread], [spread, 2.5, spread])))
         axis = rng.normal(size=3)
@@ -25,6 +26,8 @@ def lights_of_all_kinds(count=COUNT, suns=0, seed=3, spread=2):
         turned = place @ turn @ T().scale(rng.uniform(0.05, 0.2))
         if kind == "point":
             found[f"light{k}"] = {"type": "point", "to_world": place, "intensity": {"type": "rgb", "value": 0.1}}
+        elif kind == "spot":
+            found[f"light{k}"] = {"type": "spot", "to_world": place @ turn, "cutoff_angle": 30, "intensity": 0.3}
         else:
             found[f"light{k}"] = {"type": kind, "to_world": turned, "emitter": {"type": "area", "radiance": colour}}
     for k in range(suns):
@@ -175,7 +178,7 @@ def test_picture_under_many_lights(kit):
 
 def test_lights_are_chosen_by_what_they_add(kit):
     """Of 240 lights, most are far away: chosen uniformly, as Mitsuba does, they leave much more noise."""
-    scene = mi.load_dict(kit.room(lights_of_all_kinds(240, spread=15)))
+    scene = mi.load_dict(kit.room(lights_of_all_kinds(240, spread=15, kinds=KINDS[:-1])))
     variance = {}
     for name in ("direct", "visdirect"):
         integrator = mi.load_dict({"type": name})

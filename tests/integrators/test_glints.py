@@ -31,7 +31,7 @@ def told(scene):
     shading.integrator, shading.hide = mi.load_dict({"type": "visdirect"}), False
     look = pilot(shading, frame, mi.UInt32(1), 4, True)
     dr.eval(vars(look))
-    return [np.array(x).reshape(frame.height, frame.width) for x in glints(shading, frame, look.shine)]
+    return [np.array(x).reshape(frame.height, frame.width) for x in glints(shading, frame, look.shine)[:2]]
 
 
 @pytest.mark.parametrize("bsdf", [MIRROR, METAL], ids=["mirror", "metal"])
@@ -56,6 +56,58 @@ def test_flat_things_have_none(kit):
         mean, variance = told(mi.load_dict({"type": "scene", "sensor": camera, "lamp": lamp, "thing": flat}))
         # Along outlines, where a look misses the thing above and below, nothing is known of it
         assert not variance[11:22, 11:22].any() and not mean[11:22, 11:22].any()
+
+
+def mirrored(kit, bsdf, size):
+    """What is told, and the truth, of a flat square in which a small lamp behind the camera is mirrored at its middle."""
+    lamp = {"type": "sphere", "center": [0, 0, 6], "radius": size, "emitter": {"type": "area", "radiance": 50.0}}
+    flat = {"type": "rectangle", "to_world": T().scale(3), "bsdf": bsdf}
+    scene = mi.load_dict({"type": "scene", "sensor": kit.sensor((0, 0, 4), (0, 0, 0), size=33), "lamp": lamp, "flat": flat})
+    return *told(scene), np.array(mi.render(scene, integrator=mi.load_dict({"type": "direct"}), spp=2048))[..., 0]
+
+
+def test_a_flat_mirror_shows_a_lamp_below_a_pixel(kit):
+    mean, variance, truth = mirrored(kit, MIRROR, 0.05)
+    middle = truth[16, 16]
+    assert truth.sum() == pytest.approx(middle, rel=0.01)
+    # It is told of in all pixels that may show it, as far as the surface is seen from elsewhere in each
+    assert truth.sum() < mean.sum() < 12 * truth.sum()
+    assert 0.2 < variance[16, 16] / (middle * (50 - middle)) < 2
+    assert not variance[:13].any() and not variance[:, 20:].any()
+
+
+def test_a_pane_mirrors_a_lamp_in_one_look_of_many(kit):
+    mean, variance, truth = mirrored(kit, {"type": "dielectric"}, 0.6)
+    # Several pixels all of which show it, at 4 % of 50: one look in 25
+    assert truth[15:18, 15:18].mean() == pytest.approx(2.0, rel=0.1)
+    # A lamp not much larger than a pixel may be outside
+    assert (mean[15:18, 15:18] < 2.0).all() and (mean[15:18, 15:18] > 1.0).all()
+    assert variance[15:18, 15:18] == pytest.approx(24 * 2.0 * mean[15:18, 15:18], rel=0.1)
+
+
+@pytest.mark.parametrize("bsdf", [MIRROR, {"type": "dielectric"}, {"type": "plastic"}], ids=["mirror", "glass", "plastic"])
+def test_mirrors_do_not_show_points(kit, bsdf):
+    lamp = {"type": "point", "position": [0, 30, 30], "intensity": 1e5}
+    scene = mi.load_dict({"type": "scene", "sensor": kit.sensor((0, 0, 4), (0, 0, 0), size=33), **ball(bsdf), "lamp": lamp})
+    mean, variance = told(scene)
+    assert not mean.any() and not variance.any()
+
+
+def test_normal_maps_bend_what_is_mirrored(kit):
+    """A flat thing with waves shows highlights where a flat one has none."""
+    waves = np.zeros((33, 33, 3), np.float32)
+    waves[..., 0] = 0.5 + 0.2 * np.sin(np.arange(33))
+    waves[..., 1:] = 0.5, 1
+    image = {"type": "bitmap", "raw": True, "bitmap": mi.Bitmap(waves)}
+    waved = {"type": "normalmap", "normalmap": image, "bsdf": METAL}
+    camera, lamp = kit.sensor((0, 0, 4), (0, 0, 0), size=33), ball(METAL)["lamp"]
+    lamp = {**lamp, "center": [25, 0, 30]}
+    found = []
+    for bsdf in (METAL, waved):
+        flat = {"type": "rectangle", "to_world": T().scale(3), "bsdf": bsdf}
+        scene = mi.load_dict({"type": "scene", "sensor": camera, "lamp": lamp, "flat": flat})
+        found.append(np.count_nonzero(told(scene)[1]))
+    assert found[0] < 10 and found[1] > 100
 
 
 def test_matt_scenes_do_not_ask(kit):
