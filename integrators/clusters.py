@@ -105,6 +105,8 @@ def _bound(order, begin, rows):
         The same of each range.
     widest : ndarray, shape (R,)
         Largest radius in each.
+    beams : ndarray, shape (R,)
+        Whether all in it are spots.
     """
     r = rows[order]
     size = np.diff(begin)
@@ -126,7 +128,8 @@ def _bound(order, begin, rows):
     infinite = over(np.minimum, radius) < 0
     bound = np.column_stack([centre, mean, wide, np.where(infinite, -1.0, ball), total])
     # Lights themselves stay as they are
-    return np.where((size == 1)[:, None], r[begin[:-1]], bound), over(np.maximum, radius)
+    beams = over(np.logical_and, (radius == 0) & (own > 0))
+    return np.where((size == 1)[:, None], r[begin[:-1]], bound), over(np.maximum, radius), beams
 
 
 def _split(order, begin, features, power, most):
@@ -149,7 +152,8 @@ def build(rows: np.ndarray, pack) -> Clusters | None:
     rows : ndarray, shape (N, 9)
         As `lights.collect` has them.
     pack : callable
-        From such rows, and the number of lights in each, to a table of twelve numbers each (mi.Float).
+        From such rows, and the number of lights in each (negative where all are spots), to a table of twelve numbers each
+        (mi.Float).
 
     Returns
     -------
@@ -175,10 +179,10 @@ def build(rows: np.ndarray, pack) -> Clusters | None:
     while True:
         size = np.diff(begin)
         inner = size > 1
-        bound, wide = _bound(order, begin, rows)
+        bound, wide, beams = _bound(order, begin, rows)
         parts.append(bound)
         widest.append(wide)
-        sizes.append(size)
+        sizes.append(np.where(beams, -size, size))
         light.append(np.where(inner, 0, order[begin[:-1]]))
         first = done + 2 * (np.cumsum(inner) - 1)
         child.append(np.where(inner, first, 0))

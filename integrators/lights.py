@@ -32,7 +32,7 @@ class Lights:
         side's normal of planar lights, the mean normal of parts of a mesh, or zero, and its length; a bound-like brightness
         (radiance times area for area lights, intensity for points, irradiance at infinity); cosine and sine of the angle
         around that normal in which all normals lie (cosine 1 for planar lights and spheres; -1 if it is too wide), which for
-        spots are their axis and cut-off; one.
+        spots are their axis and cut-off; one, in clusters the number of lights, negative if all are spots.
     clusters : Clusters or None
         Trees over the lights if they are many.
     beams : bool
@@ -190,13 +190,18 @@ def importance(lights: Lights, index, p, n, transmits, specular=False):
         wide_cos, wide_sin = cone * cosine - flare * sine, flare * cosine + cone * sine
         best = off * wide_cos + dr.sqrt(1 - off * off) * wide_sin
         # Within the sphere, or among normals that look everywhere, some of it always faces the point
-        best = dr.select((cone < 0) | (wide_cos < 0) | (off >= wide_cos), 1, best)
+        within = (cone < 0) | (wide_cos < 0) | (off >= wide_cos)
+        best = dr.select(within, 1, best)
         front = dr.select(cone < 1, dr.maximum(front, dr.select(best > -1e-3, 0.3 * dr.maximum(best, 0.03), 0)), front)
     if lights.beams:
         # A spot fades from three quarters of its cut-off on, by default; only beyond that there is surely nothing
         inside = (slant / dr.maximum(b.w, 1e-30) - cone) / dr.maximum(1 - cone, 1e-6)
         beam = dr.select(inside > -1e-4, dr.clip(inside * (1 / FULL), 0.1, 1), 0)
         front = dr.select((r == 0) & (b.w > 0), beam, front)
+        if lights.clusters is not None:
+            # Spots alone: nothing outside the cone that holds all of theirs
+            front = dr.select((count < 0) & (r > 0) & ~within & (off < wide_cos - 1e-4), 0, front)
+            count = dr.abs(count)
     near = phi * top * front / (d2 + 0.5 * r * r)
     w = dr.select(r < 0, phi, near)
     return dr.select(specular, dr.sqrt(w * count), w)

@@ -47,6 +47,17 @@ def ceilings(count=COUNT):
     }
 
 
+def stage(count=COUNT):
+    """Return narrow spots that look down, more or less, from one height."""
+    rng = np.random.default_rng(5)
+    found = {}
+    for k in range(count):
+        at = rng.uniform([-2, 3, -2], [2, 3, 2])
+        place = T().look_at(origin=list(at), target=list(at + rng.normal(size=3) * 0.4 - [0, 3, 0]), up=[1, 0, 0])
+        found[f"light{k}"] = {"type": "spot", "to_world": place, "cutoff_angle": float(rng.uniform(5, 25)), "intensity": 5.0}
+    return found
+
+
 def collected(lights):
     """Return the lights, and the scene, which must outlive them."""
     from intervis.integrators.collect import collect
@@ -84,7 +95,9 @@ def test_trees_hold_every_light_once(variant_llvm, count, suns):
     rows, table = np.array(tree.table).reshape(-1, 12), np.array(lights.table).reshape(-1, 12)
     for k, some in enumerate(lists):
         inside = table[some]
-        assert rows[k, 8] == pytest.approx(inside[:, 8].sum(), rel=1e-5) and rows[k, 11] == len(some)
+        beams = (inside[:, 3] == 0) & (inside[:, 7] > 0)
+        assert rows[k, 8] == pytest.approx(inside[:, 8].sum(), rel=1e-5)
+        assert rows[k, 11] == (-1 if beams.all() else 1) * len(some)
         # Lights at infinity have no place and are kept apart
         assert (rows[k, 3] < 0) == (inside[0, 3] < 0) and len(set(inside[:, 3] < 0)) == 1
         if rows[k, 3] >= 0:
@@ -103,7 +116,7 @@ def points(n=300, seed=1):
     return rng.uniform([-2, 0, -2], [2, 3, 2], (n, 3)), normal
 
 
-@pytest.mark.parametrize("kind", [lights_of_all_kinds, ceilings])
+@pytest.mark.parametrize("kind", [lights_of_all_kinds, ceilings, stage])
 def test_no_importance_only_where_no_light_below_has_any(variant_llvm, kind):
     from intervis.integrators.lights import importance
 
@@ -116,6 +129,9 @@ def test_no_importance_only_where_no_light_below_has_any(variant_llvm, kind):
     assert (alone == 0).mean() > 0.1
     for k, some in enumerate(lists):
         assert (value[k][(alone[some] > 0).any(axis=0)] > 0).all()
+    # Clusters are of use where they are left out as a whole
+    inner = np.array([len(some) > 1 for some in lists])
+    assert (value[inner] == 0).mean() > 0.1
 
 
 @pytest.mark.parametrize("specular", [False, True])
@@ -174,6 +190,12 @@ def test_pictures_under_many_lights(kit, bsdf, integrator):
 
 def test_picture_under_many_lights(kit):
     kit.compare(kit.room(lights_of_all_kinds()), reference={"type": "direct", "bsdf_samples": 1})
+
+
+def test_many_spots_leave_little_noise(kit):
+    """A point is in the beams of few, and clusters of spots tell where none of theirs goes."""
+    scene = kit.room(stage(), camera=kit.sensor(size=32))
+    assert kit.error_ratio(scene, 4096, seeds=8) < 0.035
 
 
 def test_lights_are_chosen_by_what_they_add(kit):
