@@ -32,9 +32,7 @@ def _bounds_of(shape, emitter, radiance) -> tuple[np.ndarray, float, float]:
     box = shape.bbox()
     surface = shape.surface_area()
     surface = float(surface[0] if dr.width(surface) else 0.0) if not np.isscalar(surface) else float(surface)
-    extents = np.array(box.extents())
-    # Of a sphere its own
-    radius = 0.5 * float(extents.max() if re.match("Sphere", str(shape)) else np.linalg.norm(extents))
+    radius = 0.5 * float(np.linalg.norm(np.array(box.extents())))
     return np.array(box.center(), dtype=np.float64), radius, radiance_times_area(emitter, surface, radiance)
 
 

@@ -97,8 +97,10 @@ def _sum(lights, shine, wi, lobe, strength, across, down, step, swing):
     chosen = dr.select(lobe >= SHARP, dr.rcp(dr.clip(strength, GLASS, 1)) - 1, 0)
     slant = 2 * dr.maximum(dr.dot(wi, n), 0.1)
     while (lobe > 0) & (dr.squared_norm(n) > 0) & (k < count):
-        ball = dr.gather(mi.Vector4f, lights.nodes, 3 * k)
+        ball, facing, cone = (dr.gather(mi.Vector4f, lights.nodes, 3 * k + j) for j in range(3))
         d, r = mi.Vector3f(ball.x, ball.y, ball.z) - p, dr.maximum(ball.w, 0)
+        # A sphere is smaller than the one around its box
+        r *= dr.select((facing.w == 0) & (cone.y >= 1), 3**-0.5, 1)
         d2 = dr.squared_norm(d) + r * r
         # Solid angle and width of a highlight among mirrored directions, which turn twice as fast as normals
         spot = dr.rcp(lobe) + dr.pi * r * r / d2
@@ -112,7 +114,7 @@ def _sum(lights, shine, wi, lobe, strength, across, down, step, swing):
         s, t = 2 * x / width, 2 * y / width
         share = dr.rcp((1 + s) * (1 + t))
         # Of a surface that looks all ways a quarter is seen from any side
-        seen = dr.select((r > 0) & (dr.gather(mi.Float, lights.nodes, 12 * k + 7) == 0), 0.25, 1)
+        seen = dr.select((r > 0) & (facing.w == 0), 0.25, 1)
         value = seen * strength * importance(lights, k, p, n, mi.Bool(False)) / spot
         # A highlight of several pixels is seen by all that look
         q = s * s + t * t

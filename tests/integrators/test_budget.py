@@ -42,7 +42,7 @@ SIDE = 48
 ROW, COLUMN = 24, 9
 
 
-def expected_error(bright=None, mixed=None, thin=None, glow=None, lamps=None, glints=None, tries=1):
+def expected_error(bright=None, mixed=None, thin=None, glow=None, lamps=None, glints=None, unlike=None, tries=1):
     """Error expected of a hit in each pixel of a picture, all lit evenly but for what is given.
 
     Parameters
@@ -59,6 +59,8 @@ def expected_error(bright=None, mixed=None, thin=None, glow=None, lamps=None, gl
         Mean and mean square of lamps in view, by light samples.
     glints : pair of (SIDE, SIDE) arrays
         Mean and variance of highlights within pixels.
+    unlike : pair of (SIDE, SIDE) arrays
+        Variance of what BSDF samples find, and the chance that surfaces do not mirror.
     tries : int
         Light samples a pixel and cell; mirrors have none.
     """
@@ -77,6 +79,10 @@ def expected_error(bright=None, mixed=None, thin=None, glow=None, lamps=None, gl
     n = SIDE * SIDE
     glow, colour = mi.Float(np.zeros(n) if glow is None else glow.ravel()), mi.Color3f(mi.Float(bright.ravel()))
     mean, square = (None, None) if lamps is None else (mi.Float(x.ravel()) for x in lamps)
+    told = None
+    if glints is not None or unlike is not None:
+        nothing = np.zeros((SIDE, SIDE))
+        told = (*(glints or (nothing, nothing)), nothing if unlike is None else unlike[1])
     pilot = SimpleNamespace(
         bright=colour,
         straight=mi.Color3f(glow),
@@ -88,10 +94,10 @@ def expected_error(bright=None, mixed=None, thin=None, glow=None, lamps=None, gl
         probe_bright=mi.Float(probe.ravel()),
         probe_straight=glow,
         shine=None,
-        unlike=None,
+        unlike=None if unlike is None else mi.Float(unlike[0].ravel()),
         lamps=mean,
         lamps_squared=square,
-        glints=glints and [mi.Float(x.ravel()) for x in (*glints, np.zeros((SIDE, SIDE)))],
+        glints=told and [mi.Float(x.ravel()) for x in told],
     )
     frame = SimpleNamespace(width=SIDE, height=SIDE, pixels=n)
     return np.array(decide(pilot, frame, "threshold", 4, False, False).error).reshape(SIDE, SIDE)
@@ -145,3 +151,33 @@ def test_highlights_below_a_pixel_are_expected_where_they_are_told(variant_llvm,
     # Next to light of 1, or of none where none was tried
     assert error[ROW, COLUMN] == pytest.approx(np.sqrt(40 / ((3 + tries) ** 2 + 0.01)), rel=0.01)
     assert error[ROW, COLUMN + 1] == error[ROW, 40]
+
+
+@pytest.mark.parametrize("chance", [0.0, 0.96])
+def test_what_a_pane_mirrors_is_expected_all_over_it(variant_llvm, chance):
+    """Looks that happened to pass through say nothing of those that would not."""
+    found = np.zeros((SIDE, SIDE))
+    found[ROW - 3 : ROW + 4 : 3, COLUMN + 3 : COLUMN + 6] = 2
+    error = expected_error(unlike=(found, np.full((SIDE, SIDE), chance)))
+    # Nine of the pixels in reach of the windows around; one in fifty counts where surfaces do not choose
+    expected = np.sqrt(max(chance, 0.02) * 9 * 2 / (9 * 24) / 1.01)
+    assert error[ROW, COLUMN] == pytest.approx(expected, rel=0.3)
+    assert error[ROW, 40] < 0.1 * error[ROW, COLUMN]
+
+
+def test_skies_are_left_to_bsdf_samples_where_surfaces_mirror(kit):
+    """As many light samples a hit as elsewhere would leave too few of those."""
+    from intervis.integrators.camera import Frame
+    from intervis.integrators.decide import decide
+    from intervis.integrators.passes import pilot
+    from intervis.integrators.shading import prepare
+
+    most = {}
+    for light in ({"type": "constant", "radiance": 1.0}, kit.lamp()):
+        scene = mi.load_dict(kit.room({"light": light}, bsdf={"type": "roughplastic", "alpha": 0.1}))
+        shading, frame = prepare(scene), Frame(scene.sensors()[0])
+        shading.integrator = mi.load_dict({"type": "visdirect"})
+        look = pilot(shading, frame, mi.UInt32(1), 4, True)
+        rays = np.array(decide(look, frame, "threshold", 4, False, False).rays)
+        most[light["type"]] = rays[np.array(look.shine.lobe) > 0].max()
+    assert most["constant"] == 2 and most["rectangle"] == 8

@@ -127,3 +127,16 @@ def test_highlights_below_a_pixel_do_not_stand_out(kit, bsdf):
         balls[f"ball {k}"] = {"type": "sphere", "center": at, "radius": 0.08, "bsdf": bsdf}
     scene = kit.room({"lamp": kit.lamp()}, camera=kit.sensor(size=48), blocker=False, **balls)
     assert kit.error_ratio(scene, 4096) < 0.7
+
+
+@pytest.mark.parametrize("bsdf", [MIRROR, {"type": "dielectric"}], ids=["mirror", "glass"])
+def test_lamps_mirrored_by_flat_things_do_not_stand_out(kit, bsdf):
+    """Which no light sample finds: what pixels look like without light samples is no sign that nothing is there."""
+    rng = np.random.default_rng(4)
+    lamps = {}
+    for k in range(8):
+        at = [float(c) for c in rng.uniform([-1.5, 0.2, -2.5], [1.5, 1.5, -1])]
+        glow = {"type": "area", "radiance": 20.0}
+        lamps[f"lamp {k}"] = {"type": "sphere", "center": at, "radius": float(rng.uniform(0.02, 0.15)), "emitter": glow}
+    scene = kit.room(lamps, bsdf=bsdf, camera=kit.sensor(size=48), blocker=False)
+    assert kit.error_ratio(scene, 4096, seeds=12) < 0.75
