@@ -19,8 +19,9 @@ TEXT = """# Lamps and highlights below a pixel, measured
 
 {machine}. Films of {width}×{height} at {spp} samples a pixel; {repeats} repeats, warm, interleaved; medians. Over a
 floor before a wall, under a lamp out of view: twenty small lamps a fifth of a pixel wide (squares, balls, tubes), also with
-a lens that is focused before them; or forty shiny balls some pixels wide. The setting of `direct` is the one of least
-error × time. The gain is error × time of `direct` over that of `visdirect`, with the least and the largest of the repeats.
+a lens that is focused before them; or forty shiny balls some pixels wide; or twenty ball lamps over a floor that is a mirror,
+glass, or metal with a normal map of waves. The setting of `direct` is the one of least error × time. The gain is error × time
+of `direct` over that of `visdirect`, with the least and the largest of the repeats.
 
 {table}
 """
@@ -42,6 +43,17 @@ def lamps(kind: str, width: int) -> dict:
     return shapes
 
 
+def floored(name: str, floor: dict, width: int) -> dict:
+    """Return the ball lamps and a floor that mirrors them."""
+    bsdf = FLOORS[name]
+    if name == "waves":
+        y, x = np.mgrid[:128, :128] * (2 * np.pi / 32)
+        tilt = np.stack([0.5 + 0.02 * np.sin(x + np.sin(y)), 0.5 + 0.02 * np.cos(y + x), np.ones_like(x)], axis=-1)
+        image = {"type": "bitmap", "raw": True, "bitmap": mi.Bitmap(tilt.astype(np.float32))}
+        bsdf = {"type": "normalmap", "normalmap": image, "bsdf": bsdf}
+    return {**lamps("balls", width), "floor": {**floor, "bsdf": bsdf}}
+
+
 def balls(bsdf: dict) -> dict:
     """Return forty balls of one material."""
     rng = np.random.default_rng(1)
@@ -55,6 +67,7 @@ SHINY = {
     "plastic": {"type": "plastic"},
     "glass": {"type": "dielectric"},
 }
+FLOORS = {"mirror floor": SHINY["mirror"], "glass floor": SHINY["glass"], "waves": SHINY["metal"]}
 LAMPS = {"square lamps": "squares", "ball lamps": "balls", "tubes": "tubes", "out of focus": "squares"}
 
 
@@ -84,11 +97,12 @@ def main(arguments: list[str] | None = None) -> None:
     view = {"to_world": T().look_at(EYE.tolist(), [0, 1.4, 0], [0, 1, 0]), "fov": FOV}
     lens = {"type": "thinlens", "aperture_radius": 0.1, "focus_distance": 5.0}
     things = {name: lamps(kind, a.width) for name, kind in LAMPS.items()} | {n: balls(b) for n, b in SHINY.items()}
+    things |= {name: floored(name, room["floor"], a.width) for name in FLOORS}
     rows = []
     for name, shapes in things.items():
         camera = {**view, **(lens if name == "out of focus" else {"type": "perspective"})}
         # Highlights of which a sliver is in a pixel are rare and bright: references need many samples
-        matt = name not in SHINY
+        matt = name in LAMPS
         reference = a.reference * (1 if matt else 4)
         row, _ = beside_direct(f"small-{name}", {**room, **shapes}, camera, a.width, a.repeats, a.cache, reference, matt)
         rows.append("| " + " | ".join([name, *row]) + " |")
