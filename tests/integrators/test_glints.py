@@ -129,8 +129,8 @@ def test_highlights_below_a_pixel_do_not_stand_out(kit, bsdf):
     assert kit.error_ratio(scene, 4096) < 0.7
 
 
-@pytest.mark.parametrize("bsdf", [MIRROR, {"type": "dielectric"}], ids=["mirror", "glass"])
-def test_lamps_mirrored_by_flat_things_do_not_stand_out(kit, bsdf):
+@pytest.mark.parametrize("bsdf, limit", [(MIRROR, 0.4), ({"type": "dielectric"}, 1.5)], ids=["mirror", "glass"])
+def test_lamps_mirrored_by_flat_things_do_not_stand_out(kit, bsdf, limit):
     """Which no light sample finds: what pixels look like without light samples is no sign that nothing is there."""
     rng = np.random.default_rng(4)
     lamps = {}
@@ -139,4 +139,4 @@ def test_lamps_mirrored_by_flat_things_do_not_stand_out(kit, bsdf):
         glow = {"type": "area", "radiance": 20.0}
         lamps[f"lamp {k}"] = {"type": "sphere", "center": at, "radius": float(rng.uniform(0.02, 0.15)), "emitter": glow}
     scene = kit.room(lamps, bsdf=bsdf, camera=kit.sensor(size=48), blocker=False)
-    assert kit.error_ratio(scene, 4096, seeds=12) < 0.75
+    assert kit.error_ratio(scene, 4096, seeds=12) < limit
