@@ -19,7 +19,7 @@ AROUND = 0.1  # share of the undecidedness of 15×15 pixels that every pixel the
 RARE = 0.02  # share of what hits in one pixel differ by, over 15×15 pixels: thin things escape most looks nearby
 GENTLE = 0.02  # differences of neighbours, relative to their light, below which they are shading rather than edges
 HIT_COST = 8.0  # cost of a camera hit in shadow rays
-OUTLINE = 0.01  # share of the variance of emitted light within 5×5 pixels that every pixel there is on its guard against
+OUTLINE = 0.01  # share of the variance, within 5×5 pixels, of light that no shadow changes: all there are on their guard
 BESIDE = 0.03  # the same of lamps within 3×3 pixels, told by light samples from the camera
 SMOOTH = 0.3  # where nothing is in the way, light samples vary smoothly: nets leave less of their noise than a ray suggests
 MAX_LOG_RAYS = 3  # at most 8 shadow rays a hit
@@ -44,7 +44,7 @@ class Decision:
     pilot_weight: object = None  # mi.Float, weight of the pilot's own estimate
 
 
-def decide(pilot, frame, classifier: str, grid: int, named: bool, refinement: bool, left=1.0, alpha=None) -> Decision:
+def decide(pilot, frame, classifier: str, grid: int, named: bool, refinement: bool, left=1.0, alpha=None, sky=False):
     """Classify each pixel's light from its neighbours' pilots, and predict the error of one more hit.
 
     Parameters
@@ -63,6 +63,8 @@ def decide(pilot, frame, classifier: str, grid: int, named: bool, refinement: bo
         Share of the standard error of light samples that is left where pixels share.
     alpha : mi.Float, optional
         What the pilots covered, for films that want alpha: outlines need hits even where they are dark.
+    sky : bool, optional
+        Whether any light is all around.
 
     Returns
     -------
@@ -153,7 +155,7 @@ def decide(pilot, frame, classifier: str, grid: int, named: bool, refinement: bo
     # Squares of what is too bright for float32 say nothing
     balance = dr.select(dr.isfinite(balance), balance, 1)
     most = mi.Float(MAX_LOG_RAYS)
-    if pilot.shine is not None and pilot.shine.sky:
+    if sky and pilot.shine is not None:
         most = dr.select(pilot.shine.lobe > 0, SKY_LOG_RAYS, most)
     rays = mi.UInt32(1) << mi.UInt32(dr.clip(dr.round(dr.log2(dr.maximum(balance, 1))), 0, most))
     # Where nothing can stand in the way there is no doubt, and rays that were planned are spared

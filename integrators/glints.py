@@ -1,4 +1,4 @@
-"""Glints: highlights smaller than a pixel, on shiny things that bend much within it. Looks miss them; mirror directions tell.
+"""Glints: what shiny things show of lamps in a part of a pixel, or now and then. Looks miss it; mirror directions tell.
 
 Within a pixel a surface mirrors a range of directions: its normal turns, and it is seen from elsewhere. If a lamp lies in
 that range, part of the pixel shows its highlight: as large a part as the lamp, widened by the surface's lobe, is of it.
@@ -27,7 +27,6 @@ class Shine:
     normal: object  # mi.Vector3f, towards the camera; zero on a miss
     lobe: object  # mi.Float, density of a direction sampled from the lobe, 1/sr; 0 where nothing is mirrored
     strength: object  # mi.Float, share of the light that is
-    sky: bool  # whether any light is all around
 
 
 def glints(shading, frame, shine: Shine):

@@ -111,7 +111,7 @@ def pilot(shading: Shading, frame: Frame, seed, rays: int, probe: bool) -> Pilot
     index = dr.arange(mi.UInt32, frame.pixels)
     keys = scramble(index, seed, 0)
     s, count = mi.UInt32(0), dr.opaque(mi.UInt32, rays)
-    ray, si, emission, weight, position = first_hit(shading, frame, frame.corner(index), s, keys)
+    ray, si, straight, weight, position = first_hit(shading, frame, frame.corner(index), s, keys)
     surface = Surface(shading, si, si.is_valid(), count)
     lights = shading.lights
     grid = dr.opaque(mi.UInt32, shading.grid)
@@ -178,7 +178,7 @@ def pilot(shading: Shading, frame: Frame, seed, rays: int, probe: bool) -> Pilot
     reflected, found = mi.UInt32(0), mi.Float(0)
     if dr.hint(lights.count > 0 and shading.follows, mode="scalar"):
         extra, reflected, _ = _reflected(shading, surface, s, keys, count, lambda l: mi.Float(1), total)
-        emission += extra
+        straight += extra
         found = mi.luminance(to_rgb(extra * weight, ray.wavelengths))
     if dr.hint(shading.closed, mode="scalar"):
         light, plain = surface.rectangle(), surface.plain
@@ -189,7 +189,7 @@ def pilot(shading: Shading, frame: Frame, seed, rays: int, probe: bool) -> Pilot
     covered = dr.select(si.is_valid(), mi.Float(1), mi.Float(0))
     if dr.hint(shading.path, mode="scalar"):
         beyond, covered = indirect(shading, si, seed, index, s, mi.UInt32(0))
-        emission += beyond
+        straight += beyond
     lam = ray.wavelengths
     hit = si.is_valid()
     return Pilot(
@@ -198,7 +198,7 @@ def pilot(shading: Shading, frame: Frame, seed, rays: int, probe: bool) -> Pilot
         to_rgb(bright * weight, lam),
         noise,
         rays,
-        to_rgb(emission * weight, lam),
+        to_rgb(straight * weight, lam),
         covered,
         position,
         dr.select(hit, surface.facing(), 0),
@@ -217,7 +217,7 @@ def _probe(shading: Shading, frame: Frame, seed, index, rays, found):
     keys = scramble(index, seed, 2)
     # As wide as the film: lights keep their importances lane by lane
     s = 0 * index
-    ray, si, emission, weight, _ = first_hit(shading, frame, frame.corner(index), s, keys)
+    ray, si, straight, weight, _ = first_hit(shading, frame, frame.corner(index), s, keys)
     surface = Surface(shading, si, si.is_valid(), rays)
     surface.blind = True
     full, total, shine, extra = mi.Spectrum(0), mi.Float(0), None, mi.Spectrum(0)
@@ -227,15 +227,15 @@ def _probe(shading: Shading, frame: Frame, seed, index, rays, found):
         _, full, _, total = several_lights(surface, lambda l: mi.Float(1), rays, s, [keys[8], keys[9]])
     if shading.lights.count and shading.follows and not (shading.closed and shading.lambert):
         extra, _, (lobe, strength, n) = _reflected(shading, surface, s, keys, rays, lambda l: mi.Float(1), total)
-        emission += extra
+        straight += extra
         if not shading.lambert:
             hit = si.is_valid()
-            shine = Shine(dr.select(hit, si.p, 0), dr.select(hit, n, 0), lobe, strength, shading.lights.sky)
+            shine = Shine(dr.select(hit, si.p, 0), dr.select(hit, n, 0), lobe, strength)
     if shading.closed:
         light = surface.rectangle()
         full = dr.select(surface.plain, light.radiance * light.unshadowed(), full)
-    bright, straight, other = (mi.luminance(to_rgb(x * weight, ray.wavelengths)) for x in (full, emission, extra))
-    return bright, straight, None if shine is None else 0.5 * dr.square(other - found), shine
+    full, straight, other = (mi.luminance(to_rgb(x * weight, ray.wavelengths)) for x in (full, straight, extra))
+    return full, straight, None if shine is None else 0.5 * dr.square(other - found), shine
 
 
 def _footprint(frame: Frame, position, si):
@@ -297,7 +297,7 @@ def spend(shading: Shading, frame: Frame, seed, index, s, look: Pilot, decision,
     tried = [dr.gather(mi.UInt64, w, index) for w in decision.light_tried]
     trust = _trusting(shading, seen, tried)
 
-    ray, si, emission, weight, position = first_hit(shading, frame, frame.corner(index), s, keys)
+    ray, si, straight, weight, position = first_hit(shading, frame, frame.corner(index), s, keys)
     surface = Surface(shading, si, si.is_valid(), rays)
     value, full, total = mi.Spectrum(0), mi.Spectrum(0), mi.Float(0)
     traced, spared = mi.UInt32(0), mi.UInt32(0)
@@ -314,7 +314,7 @@ def spend(shading: Shading, frame: Frame, seed, index, s, look: Pilot, decision,
     if dr.hint(shading.lights.count > 0 and shading.follows and not closed_only, mode="scalar"):
         elsewhere = ~surface.plain if shading.closed else True
         extra, reflected, _ = _reflected(shading, surface, s, keys, rays, trust, total, elsewhere)
-        emission += extra
+        straight += extra
     if dr.hint(shading.closed, mode="scalar"):
         some = dr.select(surface.plain, rays, 0)
         proven = _proven(shading, look, index, surface)
@@ -323,12 +323,12 @@ def spend(shading: Shading, frame: Frame, seed, index, s, look: Pilot, decision,
     covered = dr.select(si.is_valid(), mi.Float(1), mi.Float(0))
     if dr.hint(shading.path, mode="scalar"):
         beyond, covered = indirect(shading, si, seed, index, s, mi.UInt32(1))
-        emission += beyond
+        straight += beyond
     lam = ray.wavelengths
     return (
-        to_rgb((value + emission) * weight, lam),
+        to_rgb((value + straight) * weight, lam),
         to_rgb(full * weight, lam),
-        to_rgb(emission * weight, lam),
+        to_rgb(straight * weight, lam),
         covered,
         position,
         traced,

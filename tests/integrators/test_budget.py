@@ -178,6 +178,6 @@ def test_skies_are_left_to_bsdf_samples_where_surfaces_mirror(kit):
         shading, frame = prepare(scene), Frame(scene.sensors()[0])
         shading.integrator = mi.load_dict({"type": "visdirect"})
         look = pilot(shading, frame, mi.UInt32(1), 4, True)
-        rays = np.array(decide(look, frame, "threshold", 4, False, False).rays)
+        rays = np.array(decide(look, frame, "threshold", 4, False, False, sky=shading.lights.sky).rays)
         most[light["type"]] = rays[np.array(look.shine.lobe) > 0].max()
     assert most["constant"] == 2 and most["rectangle"] == 8

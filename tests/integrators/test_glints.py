@@ -48,7 +48,7 @@ def test_a_ball_shows_a_highlight_where_it_is(kit, bsdf):
     assert truth.sum() < mean[truth > 0].sum() < 12 * truth.sum()
 
 
-def test_flat_things_have_none(kit):
+def test_flat_things_have_none_where_no_lamp_is_mirrored(kit):
     camera = kit.sensor((0, 0, 4), (0, 0, 0), size=33)
     lamp = ball(METAL)["lamp"]
     for place in (T().scale(3), T().translate([0, 0, -1])):

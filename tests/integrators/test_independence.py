@@ -19,7 +19,10 @@ def pilot_and_frame(name):
     scene = mi.load_dict(scenes.load(name, width=WIDTH, height=HEIGHT))
     shading, frame = prepare(scene), Frame(scene.sensors()[0])
     shading.integrator = mi.load_dict({"type": "visdirect"})
-    return passes.pilot(shading, frame, mi.UInt32(5), 4, True), frame
+    pilot = passes.pilot(shading, frame, mi.UInt32(5), 4, True)
+    # Before the scene is gone
+    dr.eval(vars(pilot))
+    return pilot, frame
 
 
 def decision_of(pilot, frame):
@@ -41,7 +44,7 @@ def decision_of(pilot, frame):
         "effort",
     ],
 )
-@pytest.mark.parametrize("name", ["wires", "manylights"])
+@pytest.mark.parametrize("name", ["wires", "manylights", "glossy"])
 def test_a_pixel_does_not_decide_from_its_own_pilot(variant_llvm, name, part):
     pilot, frame = pilot_and_frame(name)
     before = decision_of(pilot, frame)[part]
@@ -53,6 +56,8 @@ def test_a_pixel_does_not_decide_from_its_own_pilot(variant_llvm, name, part):
     for field in ("value", "control", "bright", "straight"):
         setattr(pilot, field, dr.select(here, mi.Color3f(0.5), getattr(pilot, field)))
     pilot.noise = dr.select(here, mi.Float(0.5), pilot.noise)
+    if name == "glossy":
+        pilot.unlike = dr.select(here, mi.Float(0.5), pilot.unlike)
     after = decision_of(pilot, frame)[part]
 
     # The change did reach the neighbours, so the test can fail
