@@ -2,7 +2,8 @@
 
 What a triangle sends is known at its three corners and straight between them. Corners of all triangles are grid points, from
 which rays meet edges at the same offsets: a grid point's rays serve the six triangles that meet there, each with its own
-normal. With supersampling each cell is cut into S × S cells of the same surface.
+normal. With supersampling each cell is cut into S × S cells of the same surface. A receiver stands on the triangles that meet
+there: of those it sees the spot where it stands, and what they send from it may be known apart, sharp shadows and all.
 """
 
 from __future__ import annotations
@@ -73,12 +74,61 @@ def corners(values: np.ndarray) -> np.ndarray:
     return out
 
 
+def meeting(values: np.ndarray) -> np.ndarray:
+    """Return the values of the triangles that meet at grid points, 0 for none: (..., 2, n, m) to (..., 6, n + 1, m + 1)."""
+    n, m = values.shape[-2:]
+    out = np.zeros((*values.shape[:-3], len(MEETING), n + 1, m + 1), values.dtype)
+    for q, (kind, v, u) in enumerate(MEETING):
+        out[..., q, v : v + n, u : u + m] = values[..., kind, :, :]
+    return out
+
+
 def cornered(values: np.ndarray) -> np.ndarray:
     """Return grid points' values at triangles' corners: (..., n + 1, m + 1) to (..., 2, 3, n, m)."""
     n, m = (size - 1 for size in values.shape[-2:])
     out = np.empty((*values.shape[:-2], 2, 3, n, m), values.dtype)
     for kind, v, u in MEETING:
         out[..., kind, v + u, :, :] = values[..., v : v + n, u : u + m]
+    return out
+
+
+def cut(values: np.ndarray, s: int) -> np.ndarray:
+    """Return triangles' values at the corners of the parts of cells cut ``s`` times a side: (..., 2, 3, s · n, s · m)."""
+    if s == 1:
+        return values
+    *lead, n, m = values.shape
+    out = np.empty((*lead, s * n, s * m), values.dtype)
+    for i, j, kind in np.ndindex(s, s, 2):
+        # Parts on the diagonal are cut by it as their cell is
+        nw, own, se = np.moveaxis(values[..., kind if i == j else int(j > i), :, :, :], -3, 0)
+        for corner, (v, u) in enumerate(((0, 0), (1 - kind, kind), (1, 1))):
+            v, u = (i + v) / s, (j + u) / s
+            part = np.float32(1 - max(v, u)) * nw + np.float32(abs(v - u)) * own + np.float32(min(v, u)) * se
+            out[..., kind, corner, i::s, j::s] = part
+    return out
+
+
+def joined(values: np.ndarray, s: int) -> np.ndarray:
+    """Undo `cut`: return what triangles have at their corners by the straight fit to the means over their parts."""
+    if s == 1:
+        return values
+    means = values.mean(axis=-3)
+    out = np.zeros((*values.shape[:-2], *(size // s for size in values.shape[-2:])), values.dtype)
+    for kind in (0, 1):
+        for (v, u), weights in zip(spots(kind, s), fit(kind, s).T, strict=True):
+            i, j = int(s * v), int(s * u)
+            part = means[..., int(s * v - i < s * u - j), i::s, j::s]
+            for corner, weight in enumerate(weights):
+                out[..., kind, corner, :, :] += np.float32(weight) * part
+    return out
+
+
+def outer(values: np.ndarray, s: int) -> np.ndarray:
+    """Return what the parts of cells cut ``s`` times a side have at the corners of whole triangles: (..., 2, 3, n, m)."""
+    out = np.empty((*values.shape[:-2], *(size // s for size in values.shape[-2:])), values.dtype)
+    for kind in (0, 1):
+        for corner, (i, j) in enumerate(((0, 0), (1 - kind, kind), (1, 1))):
+            out[..., kind, corner, :, :] = values[..., kind, corner, i * (s - 1) :: s, j * (s - 1) :: s]
     return out
 
 
@@ -135,7 +185,7 @@ def undeal(parts: np.ndarray, s: int) -> np.ndarray:
     return parts.reshape(s, s, columns, rows).transpose(2, 0, 3, 1).reshape(s * columns, s * rows)
 
 
-def bordered(parts: np.ndarray, s: int, flipped: bool) -> np.ndarray:
+def bordered(parts: np.ndarray, s: int, flipped: bool, out: np.ndarray) -> None:
     """Give triangles a row before the first and one behind the last: rays along the border see the one triangle there.
 
     Parameters
@@ -146,20 +196,17 @@ def bordered(parts: np.ndarray, s: int, flipped: bool) -> np.ndarray:
         Cells into which a cell is cut, a side.
     flipped : bool
         Whether the first row was the last one.
-
-    Returns
-    -------
-    (channels, 6 · s², n, m + 1 + `march.BLOCK`) array
-        0 behind; as wide as `planes` makes the samples, so that one place means the same cell in both.
+    out : (channels, 6 · s², n, m + 1 + `march.BLOCK`) array
+        Zeros, to be filled in but for those behind; as wide as `planes` makes the samples, so that one place means the same
+        cell in both.
     """
     _, columns, rows = parts.shape
-    out = np.zeros((len(parts) // (6 * s * s), 2, 3, s, s, columns, rows + 1 + march.BLOCK), parts.dtype)
+    out = out.reshape(len(out), 2, 3, s, s, columns, -1)
     out[..., 1 : rows + 1] = parts.reshape(-1, 2, 3, s, s, columns, rows)
     # Across an edge lies a triangle of the other kind, whose last two corners are the first two of this one, or vice versa
     here, there = (slice(0, 2), slice(1, 3)) if flipped else (slice(1, 3), slice(0, 2))
     out[:, :, here, :, s - 1, :, 0] = out[:, ::-1, there, :, 0, :, 1]
     out[:, :, there, :, 0, :, rows + 1] = out[:, ::-1, here, :, s - 1, :, rows]
-    return out.reshape(len(out), 6 * s * s, columns, -1)
 
 
 def placed(d: Direction, s: int, plane: int, v: float, u: float) -> tuple[float, float]:
@@ -212,7 +259,8 @@ class Ray:
         In columns of the grid, from the receiver.
     corners : (n, 4, 3) int32 array
         Of the triangle before each crossing, at the ends of the edge over which the ray enters it and of the one over which
-        it leaves: (3 · kind + corner) · S² + plane, row and column from the receiver's cell.
+        it leaves: (3 · kind + corner) · S² + plane, row and column from the receiver's cell. That from which the first one
+        leaves, the receiver's place, may be 6 · S² + 3 · kind + corner instead.
     """
 
     edges: np.ndarray
@@ -227,19 +275,21 @@ def along_edge(d: Direction, y: float, x: float) -> bool:
     return (d.slope == 0 or (d.slope == 1 and d.diagonal)) and abs(whole - round(whole)) < march.NEARBY
 
 
-def ray(d: Direction, columns: float, s: int, y: float = 0.0, x: float = 0.0, side: float = 1.0) -> Ray:
+def ray(d: Direction, columns: float, s: int, y: float = 0.0, x: float = 0.0, side: float = 1.0, apart=False) -> Ray:
     """Follow a ray from row ``y`` and column ``x`` of a cell, for ``columns`` columns of a grid cut ``s`` times.
 
-    ``side`` says on which side to look where the ray runs along an edge.
+    ``side`` says on which side to look where the ray runs along an edge, ``apart`` whether what triangles send from where
+    receivers stand is known apart (of receivers on grid points).
     """
     offset, weight, distance = march.crossings(d.slope, d.diagonal, s * columns, s * y, s * x)
     aside = side * ASIDE * along_edge(d, s * y, s * x)
-    edges, corners = _followed(offset, distance, d.slope, s, s * y + aside, s * x, d.flip_rows, d.flip_columns, d.transpose)
+    how = d.flip_rows, d.flip_columns, d.transpose, apart
+    edges, corners = _followed(offset, distance, d.slope, s, s * y + aside, s * x, *how)
     return Ray(edges, weight, distance / s, corners)
 
 
 @nb.njit(cache=True)
-def _followed(offset, distance, slope, s, y, x, flip_rows, flip_columns, transpose):
+def _followed(offset, distance, slope, s, y, x, flip_rows, flip_columns, transpose, apart):
     # Edges dealt out to planes, and corners of the triangle before each
     edges, corners = np.empty((len(offset), 6), np.int32), np.empty((len(offset), 4, 3), np.int32)
     before = 0.0
@@ -265,4 +315,6 @@ def _followed(offset, distance, slope, s, y, x, flip_rows, flip_columns, transpo
             r, c = min(max(r - row, 0), 1), min(max(c - column, 0), 1)
             corner = (1 - r if flip_rows else r) + (1 - c if flip_columns else c)
             corners[n, k, 0], corners[n, k, 1], corners[n, k, 2] = (3 * kind + corner) * s * s + plane, row // s, column // s
+            if apart and m < 0:
+                corners[n, k, 0] = 6 * s * s + 3 * kind + corner
     return edges, corners

@@ -152,8 +152,9 @@ def surface(laid, radiance, own, normals, facets, toward, way, shown, slack, sha
     ----------
     laid : (S², columns, rows + margin) float32 array
         Turned heights, centred, as `faces.planes` deals them.
-    radiance : (channels, 6 · S², columns − 1, rows + margin) float32 array
-        At the triangles' corners, a row before the first and one behind the last, as `faces.bordered` has them.
+    radiance : (channels, 6 · S² [+ 6], columns − 1, rows + margin) float32 array
+        At the triangles' corners, a row before the first and one behind the last, as `faces.bordered` has them; then,
+        if they differ, those of whole triangles as who stands there sees them.
     own : (n, m) float32 array
         The receivers' heights; columns lie first, m is a multiple of 16.
     normals : (3, n, m) float32 array

@@ -17,6 +17,7 @@ EACH = NONE + 1 - UP
 TINY = 1e-30
 SHORT = 0.05  # steps of tangents whose mean is their middle
 
+
 def _fill(builder, row, nz, a, least):
     # `LEAST` is the tangent at which the plane rises, `NONE` W there: its sines and cosines cancel but for the angle's
     magnitude, below = bounded(builder, least)

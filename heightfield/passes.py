@@ -96,7 +96,7 @@ class Passes:
         self.heights = (field._turned / unit).astype(np.float32)
         self.fine = refine(self.heights, s)
 
-    def gathered(self, to_corners: bool, azimuths, radiance=None, tables=None, step=None) -> np.ndarray:
+    def gathered(self, to_corners: bool, azimuths, radiance=None, near=None, tables=None, step=None) -> np.ndarray:
         """Irradiance over all directions.
 
         Parameters
@@ -106,6 +106,8 @@ class Passes:
         azimuths : (K,) array
         radiance : (channels, 2, 3, ...) float32 array, optional
             Of the triangles at their corners; none by default.
+        near : (channels, 2, 3, rows − 1, columns − 1) float32 array, optional
+            Of whole triangles, as a receiver sees it that stands on their corner: all of them must be grid points.
         tables : K arrays, optional
             The sky's, as `skylight.sky_table` returns them; no sky by default.
         step : callable, optional
@@ -126,8 +128,8 @@ class Passes:
             # Directions of an eighth of the circle see the field alike
             some = list(some)
             d = some[0][1]
-            laid, receivers = self._laid(d), self._receivers(d, to_corners)
-            lit = None if radiance is None else bordered(self._dealt(d, radiance), self.s, d.flip_rows)
+            laid, receivers = self._laid(d, self.s), self._receivers(d, to_corners)
+            lit = None if radiance is None else self._lit(d, radiance, near)
             # Of a sparse direction each point has its turn (§10.3); neighbours have others, so that banding turns to noise
             turns = [r.turns(self.sparse, done) if self.sparse > 1 else None for r in receivers]
             busy = [[None if t is None else (t + done + n) % self.sparse == 0 for t in turns] for n in range(len(some))]
@@ -140,10 +142,11 @@ class Passes:
     def _gained(self, some, each, laid, receivers: list[Receivers], lit, width: float, busy, step) -> list[np.ndarray]:
         # What receivers gain from directions that see the grid alike, (*each, n, m), from the sky and from the surface
         shares = [np.zeros((*each, *r.heights.shape), dtype=np.float32) for r in receivers]
+        crossed, s = self._crossed(some[0][1], laid, lit)
         for (az, d, table), those in zip(some, busy, strict=True):
-            tops, toward = self._stretches(laid, d), (np.float32(np.sin(az)), np.float32(np.cos(az)))
+            tops, toward = self._stretches(crossed, d, s), (np.float32(np.sin(az)), np.float32(np.cos(az)))
             for r, share, b in zip(receivers, shares, those, strict=True):
-                horizon = self._look(d, laid, tops, r, lit, toward, width, share, b)
+                horizon = self._look(d, crossed, tops, r, lit, toward, width, share, b)
                 if table is not None and r.normals is None:
                     add_sky_to_facets(laid, horizon, r.facets, toward, table, width, share)
                 elif table is not None:
@@ -155,8 +158,8 @@ class Passes:
     def shadow(self, azimuth: float, elevation: float, radius: float) -> np.ndarray:
         """Share of the sun's disk that triangles see, straight over each, at their corners: (2, 3, ...) float32."""
         d, s, parts = direction(azimuth, self.spacing), self.s, -(-PARTS // self.s)
-        laid, out = self._laid(d), np.zeros((2, 3, *(size - 1 for size in self.fine.shape)), np.float32)
-        tops = self._stretches(laid, d)
+        laid, out = self._laid(d, 1), np.zeros((2, 3, *(size - 1 for size in self.fine.shape)), np.float32)
+        tops = self._stretches(laid, d, 1)
         for kind in (0, 1):
             for (v, u), weights in zip(spots(kind, parts), fit(kind, parts).T, strict=True):
                 heights = planes(d.lay(inside(self.fine, kind, v, u).astype(np.float32)), s)
@@ -186,9 +189,10 @@ class Passes:
         # Yield what rays meet and, if the radiance's shape is given, what is shown there; its share; and what to count
         stride, columns = shape[2], float(min(shape[1] - 1, self.radius / d.step))
         # A ray along edges has a triangle on its left and another on its right: half of each
-        sides = (-1, 1) if image is not None and along_edge(d, self.s * r.y, self.s * r.x) else (1,)
+        s = 1 if image is None else self.s
+        sides = (-1, 1) if image is not None and along_edge(d, s * r.y, s * r.x) else (1,)
         for side in sides:
-            seen = ray(d, columns, self.s, r.y, r.x, side)
+            seen = ray(d, columns, s, r.y, r.x, side, image is not None and image[1] > 6 * s * s)
             if not len(seen.edges):
                 return
             way = skip.way(shape, tops, d, self.curve, seen.edges, seen.weight, seen.distance, r.y, r.x)
@@ -202,21 +206,35 @@ class Passes:
             part = 1.0 if busy is None else busy.mean()
             yield way, shown, 1 / len(sides), (part * naive, part * r.rows * len(r.heights) / len(sides))
 
-    def _stretches(self, laid, d):
-        return skip.stretches(laid, d, self.s)
+    def _stretches(self, laid, d, s):
+        return skip.stretches(laid, d, s)
+
+    def _crossed(self, d, laid, lit):
+        # What rays cross, and into how many cells its cells are cut: where nothing is shown, whole ones will do
+        return (laid, self.s) if lit is not None or self.s == 1 else (self._laid(d, 1), 1)
 
     # --- To a laid grid and back ---------------------------------------------------------------------------------------
 
-    def _laid(self, d):
-        laid = planes(d.lay(self.fine.astype(np.float32)), self.s, ABYSS)
+    def _laid(self, d, s):
+        laid = planes(d.lay(self.heights if s == 1 else self.fine.astype(np.float32)), s, ABYSS)
         # Something to read before the first sample: triangles are looked at from all of their corners
         guarded = np.full(LANES + laid.size, ABYSS, np.float32)[LANES:].reshape(laid.shape)
         guarded[...] = laid
         return guarded
 
-    def _dealt(self, d, values):
-        # (..., n, m) values of a fine grid as (... · S², n, m) planes
-        return np.concatenate([planes(d.lay(v), self.s) for v in values.reshape(-1, *values.shape[-2:])])
+    def _lit(self, d, radiance, near):
+        # The surface's radiance, as `gather.surface` takes it
+        columns, rows = d.turn(self.heights).shape[::-1]
+        count = 6 * self.s**2
+        out = np.zeros((len(radiance), count + 6 * (near is not None), columns - 1, rows + BLOCK), np.float32)
+        self._fill(d, radiance, self.s, out[:, :count])
+        if near is not None:
+            self._fill(d, near, 1, out[:, count:])
+        return out
+
+    def _fill(self, d, values, s, out):
+        flat = values.reshape(-1, *values.shape[-2:])
+        bordered(np.concatenate([planes(d.lay(v), s) for v in flat]), s, d.flip_rows, out)
 
     def _receivers(self, d, to_corners):
         if not to_corners:

@@ -24,11 +24,11 @@ class DevicePasses(Passes):
         super().__init__(*which, **how)
         self.backend = backend
 
-    def _laid(self, d):
-        return device.put(super()._laid(d), self.backend)
+    def _laid(self, d, s):
+        return device.put(super()._laid(d, s), self.backend)
 
-    def _stretches(self, laid, d):
-        return device.stretches(laid, d, self.s)
+    def _stretches(self, laid, d, s):
+        return device.stretches(laid, d, s)
 
     def _look(self, d, laid, tops, r):
         own, horizon = (device.types(self.backend).Float(v.ravel()) for v in (r.heights, r.horizon()))
@@ -42,13 +42,14 @@ class DevicePasses(Passes):
         light = None if lit is None else [Float(channel.ravel()) for channel in lit]
         there = [device_light.put(laid, r.heights, r.normals, r.facets) for r in receivers]
         sums = [[dr.zeros(Float, r.heights.size) for _ in range(int(np.prod(each)))] for r in receivers]
+        crossed, s = self._crossed(some[0][1], laid, lit)
         for (az, d, table), those in zip(some, busy, strict=True):
-            tops, toward = self._stretches(laid, d), (np.sin(az), np.cos(az))
+            tops, toward = self._stretches(crossed, d, s), (np.sin(az), np.cos(az))
             for n, (r, to, b) in enumerate(zip(receivers, there, those, strict=True)):
                 before = horizon = Float(r.horizon(b).ravel())
-                for way, shown, part, count in self._sides(d, laid.shape, tops, r, None if lit is None else lit.shape, b):
+                for way, shown, part, count in self._sides(d, crossed.shape, tops, r, None if lit is None else lit.shape, b):
                     if light is None:
-                        horizon, looked = device.steepest(laid, way, to.heights, to.pitch, before)
+                        horizon, looked = device.steepest(crossed, way, to.heights, to.pitch, before)
                     else:
                         which = light, to, toward, way, shown, self.tolerance / 2
                         horizon, gains, looked = device_light.surface(laid, *which, before)

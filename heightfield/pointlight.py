@@ -14,6 +14,7 @@ from .points import crossed, height_at, hopeless, next_crossing
 from .skylight import add_sky
 from .surface import refine
 
+AROUND = 8  # triangles of the four cells of which a place may be a corner
 ASIDE = 1e-6  # cells; a ray along an edge sees half of the triangles on either side
 
 
@@ -56,8 +57,31 @@ def _leant(middle, old, new, ratio, nz, a):
     return min(max(middle * first * (1 + ratio) / whole, 0.0), 1.0) if whole > 0 else 0.0
 
 
+def around(places: np.ndarray, cells: tuple[int, int]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return kind, row and column of the triangles around (3, n) places of a field of so many cells: (8, n) ints each."""
+    kind, i, j = np.indices((2, 2, 2)).reshape(3, AROUND, 1)
+    row, column = (np.ceil(v).astype(int) - 1 for v in places[:2])
+    return kind + 0 * row, np.clip(row + i, 0, cells[0] - 1), np.clip(column + j, 0, cells[1] - 1)
+
+
+def within(values: np.ndarray, triangles, places: np.ndarray) -> np.ndarray:
+    """Return what triangles have at places in them: (channels, 8, n) of (channels, 2, 3, rows, columns), see `around`."""
+    kind, row, column = triangles
+    v, u = np.clip(places[0] - row, 0, 1), np.clip(places[1] - column, 0, 1)
+    weights = 1 - np.maximum(v, u), np.abs(v - u), np.minimum(v, u)
+    return sum(w.astype(np.float32) * values[:, kind, corner, row, column] for corner, w in enumerate(weights))
+
+
+@nb.njit(cache=True)
+def _which(y, x, v, u, rows, columns):
+    # Which of the triangles around row y and column x has the spot at row v and column u in it
+    r, c = min(max(int(v), 0), rows - 1), min(max(int(u), 0), columns - 1)
+    i, j = min(max(r - int(np.ceil(y)) + 1, 0), 1), min(max(c - int(np.ceil(x)) + 1, 0), 1)
+    return 4 * (v - r <= u - c) + 2 * i + j
+
+
 @nb.njit(cache=True, parallel=True)
-def _gather(heights, places, nz, a, south, east, limit, curve, radiance, horizon, out):
+def _gather(heights, places, nz, a, south, east, limit, curve, radiance, s, there, horizon, out):
     # Add what the surface sends along one direction, per radian of azimuth, and raise the horizons; count crossings
     top, looked, naive = heights.max(), 0, 0
     rows, columns = heights.shape
@@ -93,6 +117,11 @@ def _gather(heights, places, nz, a, south, east, limit, curve, radiance, horizon
                 middle = 0.5 * (before + t)
                 for side in (-ASIDE, ASIDE):
                     v, u = y + middle * south + side * east / length, x + middle * east - side * south / length
+                    if before == 0 and len(there):
+                        q = _which(y / s, x / s, v / s, u / s, (rows - 1) // s, (columns - 1) // s)
+                        for k in range(channels):
+                            out[k, p] += 0.5 * (now - seen) * there[k, q, p]
+                        continue
                     r, c = min(max(int(v), 0), rows - 2), min(max(int(u), 0), columns - 2)
                     kind = 0 if v - r > u - c else 1
                     v, u = min(max(y + spot * south - r, 0.0), 1.0), min(max(x + spot * east - c, 0.0), 1.0)
@@ -115,7 +144,7 @@ def _gather(heights, places, nz, a, south, east, limit, curve, radiance, horizon
     return looked, naive
 
 
-def arriving(field, places, n, azimuths, tables, radiance=None, s: int = 1, step=None) -> np.ndarray:
+def arriving(field, places, n, azimuths, tables, radiance=None, s: int = 1, there=None, step=None):
     """Irradiance that points receive from the sky and, if its radiance is given, from the surface.
 
     Parameters
@@ -133,6 +162,8 @@ def arriving(field, places, n, azimuths, tables, radiance=None, s: int = 1, step
         Of the triangles at their corners (see `faces.corners`), those south-west of their cells' diagonals first.
     s : int
         Cells into which a cell is cut, a side.
+    there : (channels, 8, n) array, optional
+        Radiance of the triangles `around` the points at the points themselves; by default what ``radiance`` says.
     step : callable, optional
         Called after each direction.
 
@@ -147,6 +178,8 @@ def arriving(field, places, n, azimuths, tables, radiance=None, s: int = 1, step
     heights = np.ascontiguousarray(refine(field.heights, s))
     if radiance is None:
         radiance = np.zeros((0, 2, 3, 1, 1))
+    if there is None:
+        there = np.zeros((0, AROUND, len(n[0])), np.float32)
     dy, dx = field.spacing
     at = np.ascontiguousarray((places * np.array([[s], [s], [1]])).T, dtype=np.float64)
     width = 2 * np.pi / len(azimuths)
@@ -156,7 +189,7 @@ def arriving(field, places, n, azimuths, tables, radiance=None, s: int = 1, step
         a = n[0] * np.sin(azimuth) + n[1] * np.cos(azimuth)
         horizon = np.array(-a / n[2], dtype=np.float64)
         south, east = -np.cos(azimuth) / dy * s, np.sin(azimuth) / dx * s
-        looked = _gather(heights, at, n[2], a, south, east, limit, field.curve, radiance, horizon, out)
+        looked = _gather(heights, at, n[2], a, south, east, limit, field.curve, radiance, s, there, horizon, out)
         field.tally.add(*looked, len(at))
         toward = np.float32(np.sin(azimuth)), np.float32(np.cos(azimuth))
         add_sky(horizon[None], n[:, None], toward, table, width, sky)

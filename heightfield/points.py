@@ -228,18 +228,18 @@ def lamplight(heights, spacing, lamps, places, n: np.ndarray, channels: int, cur
         Metres east and north of the north-west sample, height in metres, and W/sr (number or (channels,)).
     places : (3, ...) array
         Receivers on the surface: rows and columns, fractional, and heights in metres.
-    n : (3, ...) array
-        Their unit normals.
+    n : (3, [k,] ...) array
+        Their unit normals, of which each may have several.
     channels : int
     curve : float
         Drop of the Earth's surface over squared distance, 1/m.
 
     Returns
     -------
-    (channels, ...) float32 array
+    (channels, [k,] ...) float32 array
         W/m².
     """
-    total = np.zeros((channels, *places.shape[1:]))
+    total = np.zeros((channels, *n.shape[1:]))
     rows = np.ascontiguousarray(np.reshape(places, (3, -1)).T, dtype=np.float64)
     for x, y, z, intensity in lamps:
         lit = np.empty(len(rows), dtype=bool)
@@ -247,7 +247,8 @@ def lamplight(heights, spacing, lamps, places, n: np.ndarray, channels: int, cur
         to = np.stack([x - places[1] * spacing[1], y + places[0] * spacing[0], z - places[2]])
         to[2] -= curve * (to[0] ** 2 + to[1] ** 2)
         squared = np.maximum((to**2).sum(0), 1e-30)
-        share = np.where(lit.reshape(squared.shape), np.maximum((to * n).sum(0), 0), 0) / squared**1.5
+        cosine = np.maximum((to.reshape(3, *[1] * (n.ndim - to.ndim), *squared.shape) * n).sum(0), 0)
+        share = np.where(lit.reshape(squared.shape), cosine, 0) / squared**1.5
         total += intensity.reshape(-1, *[1] * share.ndim) * share
     return total.astype(np.float32)
 

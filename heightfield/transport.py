@@ -1,7 +1,7 @@
-"""Light between the sky, lamps and the surface itself, over several bounces: sweeps of `gather`, added up (§10.1).
+"""Light of the sky, of sun and lamps and of the surface itself, as grid points or chosen receivers get it (§10.1).
 
-What the surface sends is known for each of its triangles, straight between their corners (`faces`); what it receives is first
-found for those, a bounce at a time, and last for the grid points.
+What the surface sends is known for each of its triangles (`sent`); what it receives is first found for those, a bounce at a
+time, and last for the receivers.
 """
 
 from __future__ import annotations
@@ -9,15 +9,11 @@ from __future__ import annotations
 import numpy as np
 
 from ..errors import InputError
-from . import device, light, pointlight, points
-from .faces import cornered, corners, fit, inside, mean, spots, triangle_normals
-from .passes import Passes
-from .passes_device import DevicePasses
+from . import light, pointlight, points
+from .sent import Lights, passes_of, sent
 from .skylight import add_sky, sky_table
-from .surface import normals, refine
+from .surface import normals
 from .sweep import packed
-
-LAMP_PARTS = 2  # a side, into which a triangle is cut to look at lamps
 
 
 def irradiance(
@@ -73,54 +69,16 @@ def irradiance(
             toward = np.float32(np.sin(az)), np.float32(np.cos(az))
             add_sky(packed(t), n, toward, table, width, e)
             step()
-    if sun is not None:
-        e += light.sunlight(sun, lambda az, el, r: field._lit(az, el, r, method, at), own, channels)
-    if lamps:
-        e += points.lamplight(field.heights, field.spacing, lamps, spots, own, channels, field.curve)
+    lights = Lights(sun, lamps, channels, method)
+    e += lights.on(field, spots, own, at)
     if not passes:
         return e if at is None else e + pointlight.arriving(field, spots, own, azimuths, tables, step=step)
 
-    # Light of the triangles at their corners, a bounce at a time; what unknown points would send is left out
-    s = supersampling
-    facing = triangle_normals(field.heights - field.centre, field.spacing, s)
-    triangles = passes_of(field, n, s, tolerance, sparse)
-    known = mean(field.valid | (field.policy == "fill"), s)[:, None] > 1 - 1e-6
-
-    def sent(image):
-        return cornered(np.stack([refine(c, s).astype(np.float32) for c in image])) * known
-
-    radiance = sent(emission) if glows else 0
-    if bounces > 0:
-        glow, share = radiance, sent(albedo / np.pi)
-        direct = corners(triangles.gathered(True, azimuths, tables=tables, step=step))
-        if sun is not None:
-            direct += light.sunlight(sun, triangles.shadow, facing[:, :, None], channels)
-        if lamps:
-            direct += _lamplight(field, lamps, facing, channels, s)
-    for b in range(int(bounces)):
-        arriving = corners(triangles.gathered(True, azimuths, radiance, step=step)) if b or glows else 0
-        radiance = share * (direct + arriving)
-        radiance += glow
+    # Light of the triangles, and of what they send last the receivers'
+    fine = passes_of(field, n, supersampling, tolerance, sparse)
+    whole = fine if supersampling == 1 else passes_of(field, n, 1, tolerance, sparse)
+    chosen = None if at is None else (at, spots)
+    parts, near, there = sent(field, lights, albedo, emission, int(bounces), azimuths, tables, fine, whole, step, chosen)
     if at is not None:
-        return e + pointlight.arriving(field, spots, own, azimuths, tables, radiance, s, step)
-    return e + triangles.gathered(False, azimuths, radiance, None if apart else tables, step)
-
-
-def passes_of(field, n, s: int, *how) -> Passes:
-    """Return `Passes`, on a GPU if there is one and the field is large enough; parameters as `Passes` has them."""
-    backend = device.chosen(tuple(s * size for size in field.heights.shape))
-    return Passes(field, n, s, *how) if backend is None else DevicePasses(backend, field, n, s, *how)
-
-
-def _lamplight(field, lamps, facing, channels: int, s: int) -> np.ndarray:
-    # Irradiance of the triangles at their corners, (channels, 2, 3, ...), straight over each: fitted to a few places in it
-    fine = refine(field.heights, s)
-    y, x = np.indices(facing.shape[2:])
-    out = np.zeros((channels, 2, 3, *facing.shape[2:]), np.float32)
-    for kind in (0, 1):
-        for (v, u), weights in zip(spots(kind, LAMP_PARTS), fit(kind, LAMP_PARTS).T, strict=True):
-            at = np.stack([(y + v) / s, (x + u) / s, inside(fine, kind, v, u)])
-            lit = points.lamplight(field.heights, field.spacing, lamps, at, facing[:, kind], channels, field.curve)
-            for corner, weight in enumerate(weights):
-                out[:, kind, corner] += np.float32(weight) * lit
-    return np.maximum(out, 0, out=out)
+        return e + pointlight.arriving(field, spots, own, azimuths, tables, parts, supersampling, there, step)
+    return e + fine.gathered(False, azimuths, parts, near, None if apart else tables, step)
