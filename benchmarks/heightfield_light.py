@@ -9,12 +9,13 @@ import numpy as np
 
 from intervis.heightfield import HeightField, example, make
 
-from .heightfield_path import path_irradiance, scene_of
+from .heightfield_path import TILE, path_irradiance, reference, scene_of
 from .heightfield_plots import ladders as draw_ladders
 from .heightfield_plots import shape as draw_shape
 from .heightfield_tables import Part, Row, grid, interleave, threads
 
 SKY, SUN, ALBEDO, BOUNCES, AZIMUTHS = 30.0, (np.radians(300.0), np.radians(25.0), 800.0), 0.4, 2, 64
+COUNTS = (8, 16, 32, AZIMUTHS)  # of azimuths
 
 
 def fields(quick: bool) -> dict[str, HeightField]:
@@ -43,66 +44,61 @@ def measure(options, note) -> Part:
     if mi.variant() is None:
         mi.set_variant("llvm_ad_rgb")
     part = Part("Light against path tracing")
-    samples = 64 if options.quick else 256
+    samples = 64 if options.quick else 1024
     part.text.append(
         f"Sky {SKY:g} W/(m² sr), sun {SUN[2]:g} W/m² {np.degrees(SUN[1]):.0f}° high, albedo {ALBEDO:g}, {BOUNCES} bounces,"
-        f" K = {AZIMUTHS}; relative RMSE over all points, border too. The reference is two independent traces of {samples}"
-        " paths a point: errors are means of the product of the differences from both, so that their noise drops out (what"
-        " two standard errors of what is left may hide is in brackets). The path tracer's error is its noise, from pairs of"
-        " independent runs; the time at which it reaches ours, bracket included, is interpolated in its ladder, beyond it"
-        " time × error² is constant (~). Its scene is built beforehand. Most of our error comes from the bounces: what the"
-        " surface sends is straight over a triangle, where the tracer looks at the point that it hits. S = 2: with"
-        " `supersampling=2`."
+        f" K = {AZIMUTHS} and fewer; relative RMSE over all points, border too. The reference is two independent traces of"
+        f" {samples} paths a point: errors are means of the product of the differences from both, so that their noise drops"
+        f" out (what two standard errors of what is left may hide is in brackets). It is traced in tiles of {TILE}², each"
+        " with the origin in its middle, from a little above the surface: traced at once, light leaks through the feet of"
+        " walls. The path tracer's error is its noise alone, from pairs of independent runs; the time at which it reaches"
+        " ours, bracket included, is interpolated in its ladder, beyond it time × error² is constant (~). Its scene is built"
+        " beforehand. S: `supersampling`."
     )
-    table, plotted, worst, gains = [], {}, (0.0, ""), {}
+    own = {f"K = {k}": {"azimuths": k} for k in COUNTS}
+    own |= {f"K = {k}, S = 2": {"azimuths": k, "s": 2} for k in COUNTS[1:]}
+    rungs = (1, 4, 16) if options.quick else (1, 4, 16, 64)
+    tables, plotted, most, gains = [], {}, {}, {}
     for name, field in fields(options.quick).items():
         note(f"light: {name}")
         scene = scene_of(field, SKY, SUN, ALBEDO)
-        mean, (error, doubt), (finer, finer_doubt) = _errors(field, samples, scene)
-        worst = max(worst, (error, name))
-        rungs = (1, 4, 16) if options.quick else (1, 4, 16, 64)
-        jobs = {f"path, {n}": lambda n=n, f=field, s=scene: traced(f, n, 0, s) for n in rungs}
-        own = {"intervis": lambda f=field: gathered(f), "intervis, S = 2": lambda f=field: gathered(f, s=2)}
-        times = interleave({**own, **jobs}, options.repeats)
-        part.timed(f"light, {name}", times)
+        mean, errors = _errors(field, samples, own)
         noise = _noise(field, rungs, mean, scene)
-        rows = [(n, np.median(times[f"path, {n}"]), noise[n]) for n in rungs]
-        ours = float(np.median(times["intervis"]))
-        # A ratio a round, from the round's own times
-        each = []
-        # No error below what can be told from the reference's noise
-        goal = error + doubt
-        for k in range(options.repeats):
-            t = [times[f"path, {n}"][k] for n in rungs]
-            each.append(reach(t, list(noise.values()), goal)[0] / times["intervis"][k])
-        seconds, mark = reach([r[1] for r in rows], [r[2] for r in rows], goal)
-        gains[name] = (seconds / ours, min(each), max(each), mark)
-        plotted[name] = ([r[1] for r in rows], [r[2] for r in rows], ours, goal)
-        for n, _, e in rows:
-            part.found(f"light, {name}", f"relative RMSE, path, {n}", e, "")
-        part.found(f"light, {name}", "relative RMSE", error, "")
-        part.found(f"light, {name}", "relative RMSE, S = 2", finer, "")
-        table.append(
-            [name, f"{100 * error:.3g} [+{100 * doubt:.1g}]", f"{ours:.3g}", f"{mark}{seconds:.3g}",
-             f"{mark}{seconds / ours:.3g}× [{min(each):.3g}, {max(each):.3g}]",
-             f"{np.median(times['intervis, S = 2']):.3g} s: {100 * finer:.3g} [+{100 * finer_doubt:.1g}]",
-             *(f"{t:.2g} s: {100 * e:.3g}" for _, t, e in rows)]
-        )  # fmt: skip
-    part.rows.append(Row(f"irradiance, 2 bounces, K = {AZIMUTHS}, relative RMSE, worst field ({worst[1]})", 2, 0.5,
-                         100 * worst[0], unit=" %", less=True,
-                         note="; ".join(f"{r[0]} {r[1].split()[0]}" for r in table)))  # fmt: skip
-    for name, (value, low, high, mark) in gains.items():
+        traces = {f"path, {n} a point": lambda n=n, f=field, s=scene: traced(f, n, 0, s) for n in rungs}
+        times = interleave(
+            {label: lambda f=field, how=how: gathered(f, **how) for label, how in own.items()} | traces, options.repeats
+        )
+        part.timed(f"light, {name}", times)
+        seconds = {label: float(np.median(t)) for label, t in times.items()}
+        lines = []
+        for label, (error, doubt) in errors.items():
+            # No error below what can be told from the reference's noise; a ratio a round, from the round's own times
+            goal = error + doubt
+            need, mark = reach([seconds[p] for p in traces], noise, goal)
+            each = [reach([times[p][k] for p in traces], noise, goal)[0] / t for k, t in enumerate(times[label])]
+            gains[name, label] = need / seconds[label], min(each), max(each), mark
+            gain = f"{mark}{need / seconds[label]:.3g}× [{min(each):.3g}, {max(each):.3g}]"
+            found = f"{100 * error:.3g} [+{100 * doubt:.1g}]"
+            lines.append([label, found, f"{seconds[label]:.3g}", f"{mark}{need:.3g}", gain])
+            part.found(f"light, {name}", f"relative RMSE, {label}", error, "")
+        for p, e in zip(traces, noise, strict=True):
+            lines.append([p, f"{100 * e:.3g}", f"{seconds[p]:.3g}", "", ""])
+            part.found(f"light, {name}", f"relative RMSE, {p}", e, "")
+        tables.append(f"{name.capitalize()}:\n\n" + grid(["", "RMSE, %", "s", "path tracer's s to it", "ratio"], lines))
+        most[name] = errors[f"K = {AZIMUTHS}"][0]
+        ours = {f"S = {s}": [(seconds[k], sum(errors[k])) for k in own if ("S" in k) == (s == 2)] for s in (1, 2)}
+        plotted[name] = [seconds[p] for p in traces], noise, ours
+    worst = max(most, key=most.get)
+    part.rows.append(Row(f"irradiance, 2 bounces, K = {AZIMUTHS}, relative RMSE, worst field ({worst})", 2, 0.5,
+                         100 * most[worst], unit=" %", less=True,
+                         note="; ".join(f"{name} {100 * e:.3g}" for name, e in most.items())))  # fmt: skip
+    for name in most:
+        value, low, high, mark = gains[name, f"K = {AZIMUTHS}"]
         part.rows.append(Row(f"time of the path tracer to the same error, {name}", 10, 50, value, low, high, mark=mark))
-    head = [
-        "field",
-        "our RMSE, %",
-        "our s",
-        "path tracer's s",
-        "ratio",
-        "S = 2",
-        *(f"path, {n} a point: RMSE, %" for n in rungs),
-    ]
-    part.text.append(grid(head, table))
+        label = max(own, key=lambda label: gains[name, label][0])
+        value, low, high, mark = gains[name, label]
+        part.rows.append(Row("the same with the K and S that gain most", None, None, value, low, high, mark=mark, note=label))
+    part.text += tables
     part.plots.append(("time-light.png", draw_ladders, plotted))
     return part
 
@@ -122,27 +118,23 @@ def reach(times, errors, target: float) -> tuple[float, str]:
     return float(np.exp(np.interp(goal, [e[i], e[i - 1]], [t[i], t[i - 1]]))), ""
 
 
-def _errors(field, samples, scene):
-    # Mean of the reference; for S = 1 and 2 our relative RMSE without the reference's noise, and the doubt that it leaves
-    a, b = (traced(field, samples, seed, scene) for seed in (11, 12))
-    mean = float((a + b).mean() / 2)
-    out = []
-    for s in (1, 2):
-        ours = gathered(field, s=s)
+def _errors(field, samples, own):
+    # Mean of the reference; our relative RMSE each way, without the reference's noise, and the doubt that it leaves
+    a, b = (reference(field, SKY, SUN, ALBEDO, BOUNCES, samples=samples, seed=seed) for seed in (11, 12))
+    mean, out = float((a + b).mean() / 2), {}
+    for label, how in own.items():
+        ours = gathered(field, **how)
         product = (ours - a) * (ours - b)
         mse = max(float(product.mean()), 0.0)
         most = np.sqrt(mse + 2 * float(product.std()) / np.sqrt(product.size))
-        out.append((np.sqrt(mse) / mean, (most - np.sqrt(mse)) / mean))
-    return mean, *out
+        out[label] = np.sqrt(mse) / mean, (most - np.sqrt(mse)) / mean
+    return mean, out
 
 
 def _noise(field, rungs, mean, scene):
-    # Relative RMS noise of a run, from two with other seeds
-    out = {}
-    for n in rungs:
-        a, b = (traced(field, n, seed, scene) for seed in (21, 22))
-        out[n] = float(np.sqrt(np.mean((a - b) ** 2) / 2) / mean)
-    return out
+    # Relative RMS noise of a run of each length, from two with other seeds
+    runs = ([traced(field, n, seed, scene) for seed in (21, 22)] for n in rungs)
+    return [float(np.sqrt(np.mean((a - b) ** 2) / 2) / mean) for a, b in runs]
 
 
 def converge(options, note) -> Part:

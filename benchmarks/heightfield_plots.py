@@ -42,15 +42,17 @@ def errors(path: Path, found: dict[str, np.ndarray]) -> None:
 
 
 def ladders(path: Path, found: dict[str, tuple]) -> None:
-    """Draw relative RMSE against time: the path tracer's ladder and ours at most, one panel a field."""
+    """Draw relative RMSE against time: the path tracer's ladder and ours for some S, one panel a field."""
     columns = min(3, len(found))
     rows = -(-len(found) // columns)
     figure, axes = plt.subplots(rows, columns, figsize=(2.9 * columns, 2.4 * rows), squeeze=False, sharey=True)
     for axis in axes.flat[len(found) :]:
         axis.axis("off")
-    for axis, (name, (t, e, ours, error)) in zip(axes.flat, found.items(), strict=False):
+    for axis, (name, (t, e, ours)) in zip(axes.flat, found.items(), strict=False):
         axis.plot(t, np.multiply(100, e), ".-", color="C0", lw=1, label="path tracer")
-        axis.plot(ours, 100 * error, "o", color="C3", label="intervis, at most")
+        for k, (label, rungs) in enumerate(ours.items()):
+            seconds, error = np.transpose(rungs)
+            axis.plot(seconds, 100 * error, ".-", lw=1, color=f"C{3 - 2 * k}", label=f"intervis, {label}")
         axis.set(xscale="log", yscale="log")
         axis.set_title(name, fontsize=9)
         axis.tick_params(labelsize=7)

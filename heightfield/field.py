@@ -287,7 +287,8 @@ class HeightField:
             Leave out of each bounce what surely adds no more than this share of π times the surface's greatest radiance;
             0 gathers everything.
         supersampling : int
-            The surface's light is straight over each triangle, two a cell; S cuts each cell into S × S. Time grows as S³.
+            The surface's light is straight over each triangle, two a cell. S cuts each cell into S × S in which receivers see
+            its direct light; what is reflected more than once is exchanged by whole triangles.
         sparse : int
             Serve only one point in so many from each azimuth, in dashes of 2 × 16 points at random, and take so many times
             more azimuths for the same time: banding turns to noise (§10.3). At most a 16th of the azimuths.
