@@ -12,7 +12,7 @@ from intervis.heightfield import HeightField, example
 from intervis.images import write_png
 from intervis.maps import heat
 
-from .heightfield_path import path_irradiance
+from .heightfield_path import reference
 
 OUT = Path(__file__).resolve().parent.parent / "docs" / "heightfield"
 SUN = (np.radians(300.0), np.radians(25.0), 800.0)
@@ -59,7 +59,7 @@ def main() -> None:
 
     # A valley, light gathered and light traced, and where they differ
     part = HeightField(heights[100:228, 100:228], spacing)
-    traced = path_irradiance(part, 30.0, SUN, 0.4, 2, 4096)
+    traced = reference(part, 30.0, SUN, 0.4, 2, samples=4096, seed=0)
     gathered = part.irradiance(30.0, (*SUN, 0.0), 0.4, bounces=2)[..., 0]
     top = np.percentile(traced, 99.5)
     difference = np.abs(gathered - traced) / traced.mean()
