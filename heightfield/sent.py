@@ -1,7 +1,7 @@
 """What the surface sends: the radiance of its triangles, from the light that reaches them over several bounces (§10.1).
 
-Seen from afar it is straight between a triangle's corners. Shadows of sun and lamps are sharp, though, and of the triangles on
-which a receiver stands it sees the very spot where it stands: what they send from there is found apart.
+Seen from afar it is straight between a triangle's corners. Shadows of sun and lamps are sharp, though, and of the triangles
+on which a receiver stands it sees the very spot where it stands: what they send from there is found apart.
 """
 
 from __future__ import annotations
@@ -79,7 +79,9 @@ class Sent(NamedTuple):
     there: np.ndarray | None
 
 
-def sent(field, lights: Lights, albedo, emission, bounces: int, azimuths, tables, fine: Passes, whole: Passes, step, chosen):
+def sent(
+    field, lights: Lights, albedo, emission, bounces: int, azimuths, tables, fine: Passes, whole: Passes, step, chosen
+) -> Sent:
     """Return what the surface sends after so many reflections.
 
     Parameters
@@ -95,6 +97,7 @@ def sent(field, lights: Lights, albedo, emission, bounces: int, azimuths, tables
     fine, whole : Passes
         Of the cells' parts, and of whole cells; the same if cells are not cut.
     step : callable
+        Called after each direction.
     chosen : (n, 2) array and (3, n) array, or None
         Chosen receivers, and their rows, columns and heights.
 
