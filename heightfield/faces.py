@@ -124,7 +124,7 @@ def joined(values: np.ndarray, s: int) -> np.ndarray:
 
 
 def outer(values: np.ndarray, s: int) -> np.ndarray:
-    """Return what the parts of cells cut ``s`` times a side have at the corners of whole triangles: (..., 2, 3, n, m)."""
+    """Return a copy of what parts of cells cut ``s`` times a side have at whole triangles' corners: (..., 2, 3, n, m)."""
     out = np.empty((*values.shape[:-2], *(size // s for size in values.shape[-2:])), values.dtype)
     for kind in (0, 1):
         for corner, (i, j) in enumerate(((0, 0), (1 - kind, kind), (1, 1))):

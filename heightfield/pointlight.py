@@ -144,7 +144,7 @@ def _gather(heights, places, nz, a, south, east, limit, curve, radiance, s, ther
     return looked, naive
 
 
-def arriving(field, places, n, azimuths, tables, radiance=None, s: int = 1, there=None, step=None):
+def arriving(field, places, n, azimuths, tables, radiance=None, s: int = 1, there=None, step=None) -> np.ndarray:
     """Irradiance that points receive from the sky and, if its radiance is given, from the surface.
 
     Parameters

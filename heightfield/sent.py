@@ -53,12 +53,14 @@ class Lights(NamedTuple):
         (channels, [k,] ...) float32 array
             W/m².
         """
-        e = np.zeros((self.channels, *n.shape[1:]), np.float32)
+        e = self.of_lamps(field, places, n)
         if self.sun is not None:
             e += light.sunlight(self.sun, lambda az, el, r: field._lit(az, el, r, self.method, at), n, self.channels)
-        if self.lamps:
-            e += points.lamplight(field.heights, field.spacing, self.lamps, places, n, self.channels, field.curve)
         return e
+
+    def of_lamps(self, field, places, n) -> np.ndarray:
+        """Irradiance of places from lamps alone, as `on` has it."""
+        return points.lamplight(field.heights, field.spacing, self.lamps, places, n, self.channels, field.curve)
 
 
 class Sent(NamedTuple):
@@ -124,7 +126,8 @@ def sent(
     arriving = np.float32(0)
     for b in range(bounces):
         if b or emission.any():
-            far, near = (None if v is None else glow + share * (v + arriving) if b else glow for v in (even, close))
+            far = glow + share * (even + arriving) if b else glow
+            near = glow + share * (close + arriving) if b and sharp else None
             arriving = corners(whole.gathered(True, azimuths, far, near, step=step))
     del even
     direct += cut(arriving, s) if np.ndim(arriving) else arriving
@@ -157,9 +160,8 @@ def _fitted(field, lights: Lights, s: int, passes: Passes) -> np.ndarray:
         y, x = np.indices(facing.shape[2:])
         for kind in (0, 1):
             for (v, u), weights in zip(spots(kind, LAMP_PARTS), fit(kind, LAMP_PARTS).T, strict=True):
-                lit = lights._replace(sun=None).on(
-                    field, np.stack([(y + v) / s, (x + u) / s, inside(heights, kind, v, u)]), facing[:, kind]
-                )
+                at = np.stack([(y + v) / s, (x + u) / s, inside(heights, kind, v, u)])
+                lit = lights.of_lamps(field, at, facing[:, kind])
                 for corner, weight in enumerate(weights):
                     out[:, kind, corner] += np.float32(weight) * lit
         np.maximum(out, 0, out=out)
@@ -170,11 +172,13 @@ def _fitted(field, lights: Lights, s: int, passes: Passes) -> np.ndarray:
 
 def _cornered(field, lights: Lights, normal) -> np.ndarray:
     # Irradiance of triangles from sun and lamps at the very corners, (channels, 2, 3, ...)
+    def shadow(azimuth, elevation, radius):
+        return cornered(field._lit(azimuth, elevation, radius, lights.method))
+
     out = np.float32(0)
     if lights.sun is not None:
-        shadow = lambda az, el, r: cornered(field._lit(az, el, r, lights.method))  # noqa: E731
         out = light.sunlight(lights.sun, shadow, normal[:, :, None], lights.channels)
     if lights.lamps:
         grid = np.stack([*np.indices(field.heights.shape), field.heights])
-        out = out + corners(lights._replace(sun=None).on(field, grid, meeting(normal)))
+        out = out + corners(lights.of_lamps(field, grid, meeting(normal)))
     return out

@@ -74,7 +74,7 @@ def irradiance(
     if not passes:
         return e if at is None else e + pointlight.arriving(field, spots, own, azimuths, tables, step=step)
 
-    # Light of the triangles, and of what they send last the receivers'
+    # What the triangles send, and what of it the receivers get
     fine = passes_of(field, n, supersampling, tolerance, sparse)
     whole = fine if supersampling == 1 else passes_of(field, n, 1, tolerance, sparse)
     chosen = None if at is None else (at, spots)
