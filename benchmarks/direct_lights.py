@@ -83,8 +83,11 @@ def compare(name: str, count: int, width: int, repeats: int, cache: Path, refere
     return [name, count, *row], gain
 
 
-def beside_direct(name, scene, camera, width, repeats, cache, reference, matt=True) -> tuple[list, np.ndarray]:
-    """Measure `visdirect` beside the best setting of `direct`: columns of a table, and the gain of every repeat."""
+def beside_direct(name, scene, camera, width, repeats, cache, reference, matt=True, more=()) -> tuple[list, np.ndarray]:
+    """Measure `visdirect` beside the best setting of `direct`: columns of a table, and the gain of every repeat.
+
+    Settings are tried with each dict of ``more`` parameters too.
+    """
     from .direct_runs import SAMPLERS, Setup, add_reference, direct, measure, visdirect
 
     height = width * 9 // 16
@@ -92,7 +95,8 @@ def beside_direct(name, scene, camera, width, repeats, cache, reference, matt=Tr
     sensors = {s: mi.load_dict({**camera, "sampler": {"type": s}}) for s in SAMPLERS}
     s = Setup(name, mi.load_dict(scene), sensors, matt, width * height)
     add_reference(s, cache, reference)
-    theirs, ours = [direct(s, *setting, SPP) for setting in SETTINGS], visdirect(s, "unbiased", SPP)
+    theirs = [direct(s, *setting, SPP, **extra) for extra in ({}, *more) for setting in SETTINGS]
+    ours = visdirect(s, "unbiased", SPP)
     for r in range(-1, repeats):
         for k, run in enumerate([*theirs, ours]):
             measure(s, run, 1000 * k + r + 1, keep=r >= 0)

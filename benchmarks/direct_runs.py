@@ -70,11 +70,12 @@ def image(tensor) -> np.ndarray:
 
 def direct(s: Setup, sampler: str, emitter_samples: int, spp: int, **extra) -> Run:
     """Make a configuration of Mitsuba's, with so many emitter samples for each of ``spp`` camera rays."""
-    bsdf_samples = 0 if s.diffuse else 1
+    bsdf_samples = extra.pop("bsdf_samples", 0 if s.diffuse else 1)
     integrator = mi.load_dict({"type": "direct", "emitter_samples": emitter_samples, "bsdf_samples": bsdf_samples, **extra})
     render = lambda seed: (integrator.render(s.scene, s.sensors[sampler], seed=seed, spp=spp), None)  # noqa: E731
     rays = spp * (1 + emitter_samples + bsdf_samples)
-    return Run("mitsuba", f"{sampler} ×{emitter_samples}", spp, render, rays=rays)
+    label = f"{sampler} ×{emitter_samples}" + (" + BSDF" if s.diffuse and bsdf_samples else "")
+    return Run("mitsuba", label, spp, render, rays=rays)
 
 
 def visdirect(s: Setup, mode: str, spp: int, **extra) -> Run:

@@ -80,7 +80,9 @@ def brightness_elsewhere(emitter, extent) -> tuple[np.ndarray, np.ndarray, float
     position, value, distance = _probe(emitter, np.repeat(centre[:, None], 64, axis=1))
     # A sun has no place: seen from a wrong one it would be below horizons above which it stands
     if mi.has_flag(emitter.flags(), mi.EmitterFlags.Infinite) or not np.all(np.isfinite(distance)):
-        return centre, axis, cutoff, -1.0, max(float(np.mean(value)), 1e-6)
+        # Half of what is all around lies below a surface's horizon
+        share = 0.5 if emitter.is_environment() else 1.0
+        return centre, axis, cutoff, -1.0, max(share * float(np.mean(value)), 1e-6)
     # A spot may miss the scene's middle: its intensity is looked at along rays that it sends, and counts as its root mean
     # square, over all directions where its cone is not known, so that a narrow beam does not draw the rays of all it misses
     place = position[:, 0]

@@ -13,6 +13,7 @@ from .clusters import build
 from .lights import CLOSE, Lights
 from .meshlight import LEVELS, PARTS, Parts, groups, triangles
 from .rectangle import rectangle_of, uniform
+from .skylight import Sky
 
 # Share of the brightest light's power that a light gets, at least, whose surface is not equally bright all over
 _DIMMEST = 1e-3
@@ -145,6 +146,7 @@ def _arrays(scene, emitters, rectangle, owner, rows, pieces, faces, start) -> Li
         faces_at=mi.UInt32(groups_at),
         faces=mi.UInt32([len(f) for f in faces]),
         groups=mi.UInt32(np.concatenate([*faces, [0]])),
+        sky=next((Sky(start[k], e) for k, e in enumerate(emitters) if e.is_environment()), None),
     )
 
 

@@ -23,7 +23,6 @@ OUTLINE = 0.01  # share of the variance, within 5×5 pixels, of light that no sh
 BESIDE = 0.03  # the same of lamps within 3×3 pixels, told by light samples from the camera
 SMOOTH = 0.3  # where nothing is in the way, light samples vary smoothly: nets leave less of their noise than a ray suggests
 MAX_LOG_RAYS = 3  # at most 8 shadow rays a hit
-SKY_LOG_RAYS = 1  # at most 2 where skies shine on what mirrors: the BSDF sample of each hit finds them better
 
 
 @dataclass
@@ -156,7 +155,8 @@ def decide(pilot, frame, classifier: str, grid: int, named: bool, refinement: bo
     balance = dr.select(dr.isfinite(balance), balance, 1)
     most = mi.Float(MAX_LOG_RAYS)
     if sky and pilot.shine is not None:
-        most = dr.select(pilot.shine.lobe > 0, SKY_LOG_RAYS, most)
+        # The BSDF sample of each hit finds skies better, if all that a surface does is mirror
+        most = dr.select((pilot.shine.lobe > 0) & ~pilot.shine.matt, 0, most)
     rays = mi.UInt32(1) << mi.UInt32(dr.clip(dr.round(dr.log2(dr.maximum(balance, 1))), 0, most))
     # Where nothing can stand in the way there is no doubt, and rays that were planned are spared
     light -= proven * doubt

@@ -27,6 +27,7 @@ class Shine:
     normal: object  # mi.Vector3f, towards the camera; zero on a miss
     lobe: object  # mi.Float, density of a direction sampled from the lobe, 1/sr; 0 where nothing is mirrored
     strength: object  # mi.Float, share of the light that is
+    matt: object  # mi.Bool, whether it reflects diffusely as well
 
 
 def glints(shading, frame, shine: Shine):

@@ -8,6 +8,7 @@ import drjit as dr
 import mitsuba as mi
 
 from .clusters import Clusters
+from .skylight import Sky
 
 CLOSE = 0.35  # distance to a light, over its radius, below which light samples alone may be too bright: they go as 1/d²
 FULL = 0.44  # how far inside its cut-off a spot shines in full, as a share of 1 - cosine: three quarters of the angle
@@ -49,6 +50,8 @@ class Lights:
         Of each emitter: its first light; where its triangles' groups begin in ``groups``, and how many there are.
     groups : mi.UInt32
         Which of its emitter's lights a triangle belongs to.
+    sky : Sky or None
+        The light that is all around, if any is.
     """
 
     count: int
@@ -65,6 +68,7 @@ class Lights:
     faces_at: object = None
     faces: object = None
     groups: object = None
+    sky: Sky | None = None
 
     @property
     def tops(self) -> int:
@@ -85,11 +89,6 @@ class Lights:
     def infinite(self) -> bool:
         """Whether any light is at infinity: a sky, a sun."""
         return any(mi.has_flag(e.flags(), mi.EmitterFlags.Infinite) for e in self.emitters)
-
-    @property
-    def sky(self) -> bool:
-        """Whether any light is all around."""
-        return any(e.is_environment() for e in self.emitters)
 
     def counter(self, top):
         """Which counter of visibility a top has."""

@@ -11,11 +11,12 @@ from . import cells
 from .bounce import indirect
 from .camera import Frame, scramble
 from .clusters import COUNTED
+from .estimate import several_lights, single_light
 from .glints import Shine
 from .points import net_1d, net_2d, shuffle
 from .proof import tolerance, unobstructed
 from .rectangle import rectangle_light
-from .shading import Shading, Surface, several_lights, single_light
+from .shading import Shading, Surface
 
 
 @dataclass
@@ -153,7 +154,7 @@ def pilot(shading: Shading, frame: Frame, seed, rays: int, probe: bool) -> Pilot
                 u.x = dr.clip((target - before) / dr.maximum(weight_l, 1e-30), 0, 1 - 2**-20)
                 chosen, share, u.x = surface.find(l, u.x, unsure & (weight_l > 0))
                 chance = weight_l / total * share
-            ds, w = lights.sample(si, chosen, u, active & (chance > 0))
+            ds, w = surface.sample(chosen, u, active & (chance > 0))
             rho, useful = surface.integrand(ds, w, chance, active & (chance > 0))
             lit = surface.visible(ds.p, useful)
             cell = mi.UInt32(u.y * grid) * 4 + mi.UInt32(u.x * grid)
@@ -230,7 +231,7 @@ def _probe(shading: Shading, frame: Frame, seed, index, rays, found):
         straight += extra
         if not shading.lambert:
             hit = si.is_valid()
-            shine = Shine(dr.select(hit, si.p, 0), dr.select(hit, n, 0), lobe, strength)
+            shine = Shine(dr.select(hit, si.p, 0), dr.select(hit, n, 0), lobe, strength, surface.matt)
     if shading.closed:
         light = surface.rectangle()
         full = dr.select(surface.plain, light.radiance * light.unshadowed(), full)

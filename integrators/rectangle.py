@@ -152,7 +152,7 @@ class Rectangle:
 
 @dr.syntax
 def rectangle_light(surface, guess, mask, mean, rays, s, keys, refine, proven):
-    """Estimate a rectangle light at a Lambertian hit, around its closed form; arguments as in `shading.single_light`.
+    """Estimate a rectangle light at a Lambertian hit, around its closed form; arguments as in `estimate.single_light`.
 
     ``mean`` is the mean guess over the light. The control is ``g_c ρ``: its mean part is known exactly from the closed
     form, the rest is summed over the cells. Where visibility is ``proven`` the closed form is all; the rays that were

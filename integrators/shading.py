@@ -1,13 +1,4 @@
-"""Direct light at a shading point: what is known in closed form, plus rays that correct what was guessed.
-
-With ``g`` a guess of the visibility ``V`` (1, 0 or a cell's fraction) and ``ρ`` the unshadowed integrand,
-
-    ∫ V ρ  =  ∫ g ρ  +  ∫ (V − g) ρ .
-
-The first term needs no rays: it is a polygon's closed form, or a sum over cells. The second is sampled, mostly where the
-guess is uncertain. It vanishes where the guess is right, so a fully visible light leaves no noise, and it is unbiased
-whatever the guess: the guess only has to come from other samples.
-"""
+"""A scene as it is lit: its lights and materials, looked at once; and shading points, which are asked for light samples."""
 
 from __future__ import annotations
 
@@ -18,15 +9,13 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from . import cells
-from .clusters import TOPS, ascend, descend
+from .clusters import ascend, descend
 from .collect import collect
 from .glints import GLASS, SHARP
 from .lights import Lights, any_close, importance
-from .order import turn
-from .points import net_2d
 from .proof import collect_blockers
-from .rectangle import FLOOR, Rectangle
+from .rectangle import Rectangle
+from .skylight import SLANT
 
 
 @dataclass
@@ -132,9 +121,13 @@ class Surface:
         else:
             flags = self.bsdf.flags()
             self.plain = mi.Bool(False) if shading.plain is None else active & _is_in(shading.plain, self.bsdf)
-            self.transmits = mi.has_flag(flags, mi.BSDFFlags.Transmission)
+            # Not what only lets rays pass, such as masks: light samples do not
+            diffuse = mi.has_flag(flags, mi.BSDFFlags.DiffuseTransmission)
+            self.transmits = diffuse | mi.has_flag(flags, mi.BSDFFlags.GlossyTransmission)
+            self.matt = diffuse | mi.has_flag(flags, mi.BSDFFlags.DiffuseReflection)
             self.specular = active & (mi.has_flag(flags, mi.BSDFFlags.Glossy) | mi.has_flag(flags, mi.BSDFFlags.Delta))
         self.active, self.follow = active, self.specular
+        self.slant = 0.0 if shading.lambert else dr.opaque(mi.Float, SLANT)
         if shading.lambert or shading.plain is not None:
             self.albedo, self.side = _lambert(si, self.bsdf, active & self.plain)
             self.active = active & (~self.plain | (self.side != 0))
@@ -142,6 +135,25 @@ class Surface:
             self.active = self.active & mi.has_flag(flags, mi.BSDFFlags.Smooth)
         if shading.lights.touched:
             self.follow = self.follow | (self.active & any_close(shading.lights, si.p))
+
+    def sample(self, l, u, active):
+        """Sample a direction towards light number ``l``: as `Lights.sample`, but skies with regard for the surface."""
+        lights, sky = self.shading.lights, self.shading.lights.sky
+        if sky is None:
+            return lights.sample(self.si, l, u, active)
+        here, n = active & (l == sky.index), self.facing()
+        if not sky.even:
+            # Mitsuba's samples, from warped numbers
+            table = sky.table(n, self.transmits)
+            v, density = sky.warp(table, u, here)
+            ds, weight = lights.sample(self.si, l, dr.select(here, v, u), active)
+            ds.pdf = dr.select(here, sky.density(table, n, self.transmits, self.slant, ds.d, ds.pdf), ds.pdf)
+            return ds, dr.select(here, weight / density, weight)
+        ds, weight = sky.around(self.si, n, self.transmits, self.slant, u, here)
+        if lights.count > 1:
+            other, brightness = lights.sample(self.si, l, u, active & ~here)
+            ds, weight = dr.select(here, ds, other), dr.select(here, weight, brightness)
+        return ds, weight
 
     def facing(self):
         """Shading normal on the viewer's side."""
@@ -201,6 +213,11 @@ class Surface:
         value = dr.select(active & (emitter != None), weight * emitter.eval(next_si, active), 0)  # noqa: E711
         delta = mi.has_flag(sample.sampled_type, mi.BSDFFlags.Delta)
         density = emitter.pdf_direction(si, ds, active & ~delta)
+        sky = self.shading.lights.sky
+        if dr.hint(sky is not None, mode="scalar"):
+            n = self.facing()
+            far = sky.density(sky.table(n, self.transmits), n, self.transmits, self.slant, ds.d, density)
+            density = dr.select(next_si.is_valid(), density, far)
         lights, l = self.shading.lights, mi.UInt32(0)
         if dr.hint(lights.count > 1, mode="scalar"):
             l = lights.index(emitter, next_si.prim_index)
@@ -232,131 +249,3 @@ class Surface:
         """Return the top that light ``l`` is below, and its chance there."""
         clusters = self.shading.lights.clusters
         return (l, mi.Float(1)) if clusters is None else ascend(clusters, self.importance, l, active)
-
-
-@dr.syntax
-def single_light(surface: Surface, guess, mask, rays, s, s0, s1, refine):
-    """Estimate one light's contribution at a hit.
-
-    Parameters
-    ----------
-    surface : Surface
-    guess : mi.UInt64
-        Packed visibility guess of the 16 cells; ignored unless ``refine``.
-    mask : mi.UInt32
-        Undecided cells.
-    rays : mi.UInt32
-        Shadow rays to trace; none, no light.
-    s : mi.UInt32
-        Number of the hit in its pixel.
-    s0, s1 : mi.UInt32
-        Scrambling seeds.
-    refine : bool
-        Cells carry their own guesses and undecided ones are visited more often.
-
-    Returns
-    -------
-    value, bright : mi.Spectrum
-        Light with and without shadows.
-    traced : mi.UInt32
-        Shadow rays traced.
-    """
-    l = mi.UInt32(0)
-    value, bright, traced = mi.Spectrum(0), mi.Spectrum(0), mi.UInt32(0)
-    active = mi.Bool(surface.active)
-
-    # What the cells' guesses are worth: one jittered point a cell, no rays
-    if dr.hint(refine, mode="scalar"):
-        jitter = net_2d(s, s1, s0)
-        c, stop = mi.UInt32(0), dr.select(active, mi.UInt32(16), mi.UInt32(0))
-        while c < stop:
-            v = mi.Point2f((mi.Float(c & 3) + jitter.x) * 0.25, (mi.Float(c >> 2) + jitter.y) * 0.25)
-            ds, weight = surface.shading.lights.sample(surface.si, l, v, active)
-            rho, useful = surface.integrand(ds, weight, mi.Float(1), active)
-            value += rho * (cells.fraction(guess, c) * mi.Float(1 / 16))
-            c += 1
-
-    # Rays correct the guess
-    r, acc, odd = mi.UInt32(0), mi.Spectrum(0), turn(s, rays)
-    while r < rays:
-        u = net_2d(s * rays + (r ^ odd), s0, s1)
-        density, g = mi.Float(1), mi.Float(0)
-        if dr.hint(refine, mode="scalar"):
-            cell, u, density = cells.sample(mask, u, mi.Float(FLOOR))
-            g = cells.fraction(guess, cell)
-        ds, weight = surface.shading.lights.sample(surface.si, l, u, active)
-        rho, useful = surface.integrand(ds, weight, density, active)
-        lit = surface.visible(ds.p, useful)
-        acc += rho * (dr.select(lit, mi.Float(1), mi.Float(0)) - g)
-        bright += rho
-        traced += dr.select(useful, mi.UInt32(1), mi.UInt32(0))
-        r += 1
-    scale = dr.rcp(mi.Float(dr.maximum(rays, 1)))
-    return value + acc * scale, bright * scale, traced
-
-
-@dr.syntax
-def several_lights(surface: Surface, trust, rays, s, keys):
-    """Estimate many lights at a hit: one light a ray, chosen by what it would add and how visible it has been.
-
-    The rays' choices are stratified over the lights, so lights that matter equally are visited equally.
-
-    Parameters
-    ----------
-    surface : Surface
-    trust : callable
-        Index of a top (a light, or a cluster of lights) to the factor (> 0) by which its importance is scaled.
-    rays, s : mi.UInt32
-        Rays to trace, and the hit's number in its pixel.
-    keys : list of mi.UInt32
-        Two scrambling seeds.
-
-    Returns
-    -------
-    value, bright : mi.Spectrum
-        Light with and without shadows.
-    traced : mi.UInt32
-    total : mi.Float
-        Sum of the tops' scaled importances: a top's over this is its chance.
-    """
-    lights = surface.shading.lights
-    active = mi.Bool(surface.active)
-    # Sums of the tops' importances up to each. Dr.Jit 1.5 takes kernels that differ in local memory's size alone for one,
-    # and would run this scene's with another's: it is always of one size, which is a constant below, too
-    upto = dr.alloc_local(mi.Float, TOPS)
-    count = dr.opaque(mi.UInt32, lights.tops)
-    # Of full width from the start: local memory is a lane's own
-    none = 0 * s
-    l, total = mi.UInt32(none), mi.Float(none)
-    while l < count:
-        total += surface.importance(l) * trust(l)
-        upto.write(total, l)
-        l += 1
-    active &= total > 0
-
-    value, bright, traced = mi.Spectrum(0), mi.Spectrum(0), mi.UInt32(0)
-    r, odd = mi.UInt32(0), turn(s, rays)
-    while active & (r < rays):
-        # One net over all lights, each as wide as it is important
-        u = net_2d(s * rays + (r ^ odd), keys[0], keys[1])
-        target = u.x * total
-        l, high = mi.UInt32(none), dr.minimum(none + count, TOPS) - 1
-        while l < high:
-            middle = (l + high) >> 1
-            above = upto.read(middle) <= target
-            l, high = dr.select(above, middle + 1, l), dr.select(above, high, middle)
-        before = dr.select(l > 0, upto.read(dr.maximum(l, 1) - 1), 0)
-        weight = upto.read(l) - before
-        # A light takes over the rest of the coordinate
-        u.x = dr.clip((target - before) / dr.maximum(weight, 1e-30), 0, 1 - 2**-20)
-        chosen, share, u.x = surface.find(l, u.x, active & (weight > 0))
-        chance = weight / total * share
-        ds, w = lights.sample(surface.si, chosen, u, active & (chance > 0))
-        rho, useful = surface.integrand(ds, w, chance, active & (chance > 0))
-        lit = surface.visible(ds.p, useful)
-        bright += rho
-        value += dr.select(lit, rho, 0)
-        traced += dr.select(useful, mi.UInt32(1), mi.UInt32(0))
-        r += 1
-    scale = dr.rcp(mi.Float(dr.maximum(rays, 1)))
-    return value * scale, bright * scale, traced, total
