@@ -27,7 +27,12 @@ the largest of the repeats.
 {table}
 
 Geometric means: {means}.
+
+![direct and visdirect at 16 samples a pixel](skies.png)
+
+`direct` (left) and `visdirect` at 16 samples a pixel: plastic under soft boxes, and matt posts under a sun.
 """
+EYE = {"origin": [0, 1.2, 4.5], "target": [0, 0, 0], "up": [0, 1, 0]}
 
 
 def skies() -> dict:
@@ -95,6 +100,24 @@ MATERIALS = {
 }
 
 
+def lit(place: str, emitter: dict, bsdf: dict) -> dict:
+    """Return a scene of one material under a sky."""
+    return {"type": "scene", "sky": emitter, **{k: {**s, "bsdf": bsdf} for k, s in PLACES[place]().items()}}
+
+
+def picture(path: Path) -> None:
+    """Draw what both integrators make of 16 samples a pixel."""
+    film = {"type": "hdrfilm", "width": 320, "height": 180, "rfilter": {"type": "box"}, "pixel_format": "rgb"}
+    camera = {"type": "perspective", "fov": 40, "to_world": mi.ScalarTransform4f().look_at(**EYE), "film": film}
+    rows, emitters = [], skies()
+    for place, sky, material in (("open", "studio", "plastic"), ("crowd", "sun", "matt")):
+        scene = mi.load_dict({**lit(place, emitters[sky], MATERIALS[material]), "camera": camera})
+        pair = [np.array(mi.render(scene, integrator=mi.load_dict({"type": k}), spp=16)) for k in ("direct", "visdirect")]
+        rows.append(np.concatenate(pair, axis=1) / np.percentile(pair[1], 97))
+    pixels = np.clip(np.concatenate(rows), 0, 1) ** (1 / 2.2)
+    mi.Bitmap((255 * pixels[..., :1]).astype(np.uint8)).write(str(path))
+
+
 def main(arguments: list[str] | None = None) -> None:
     """Run the benchmark, print the table and write it."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.direct_skies", description=__doc__)
@@ -107,13 +130,12 @@ def main(arguments: list[str] | None = None) -> None:
     mi.set_variant("llvm_ad_rgb")
     from .direct_tables import machine
 
-    view = mi.ScalarTransform4f().look_at([0, 1.2, 4.5], [0, 0, 0], [0, 1, 0])
-    camera, rows, gains = {"type": "perspective", "fov": 40, "to_world": view}, [], {m: [] for m in MATERIALS}
-    for place, shapes in PLACES.items():
+    camera = {"type": "perspective", "fov": 40, "to_world": mi.ScalarTransform4f().look_at(**EYE)}
+    rows, gains = [], {m: [] for m in MATERIALS}
+    for place in PLACES:
         for sky, emitter in skies().items():
             for material, bsdf in MATERIALS.items():
-                scene = {"type": "scene", "sky": emitter, **{k: {**s, "bsdf": bsdf} for k, s in shapes().items()}}
-                name, matt = f"{place}-{sky}-{material}", material == "matt"
+                scene, name, matt = lit(place, emitter, bsdf), f"{place}-{sky}-{material}", material == "matt"
                 more = ({"bsdf_samples": 1},) if matt else ()
                 row, gain = beside_direct(name, scene, camera, a.width, a.repeats, a.cache, a.reference, matt, more)
                 gains[material].append(np.median(gain))
@@ -124,6 +146,7 @@ def main(arguments: list[str] | None = None) -> None:
     about = {"machine": machine(), "width": a.width, "height": a.width * 9 // 16, "spp": SPP, "repeats": a.repeats}
     table = "\n".join([head, "|---" * 9 + "|", *rows])
     a.output.mkdir(parents=True, exist_ok=True)
+    picture(a.output / "skies.png")
     (a.output / "skies.md").write_text(TEXT.format(**about, table=table, means=means), encoding="utf-8")
 
 
