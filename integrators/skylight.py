@@ -12,7 +12,7 @@ import mitsuba as mi
 import numpy as np
 
 SIDE = 8  # cells along each side of the unit square
-LOOKS = 4  # samples of the sky along each side of a cell
+LOOKS = 8  # samples of the sky along each side of a cell: what a thousandth of its light comes from must not be missed
 NORMALS = 8  # along each side of an octahedral map of normals
 FLOOR = 0.2  # share of the mean density that is added everywhere
 EVEN = 1.4  # second moment of samples by the cosine, over that by its product with radiance, up to which a sky counts as even
