@@ -30,8 +30,8 @@ def _leaving(emitter, count: int) -> tuple | None:
         return None
 
 
-def _luminance(value, wavelengths) -> np.ndarray:
-    # Of light whose weight counts the density of its wavelengths; 0 where it is no number
+def luminance(value, wavelengths) -> np.ndarray:
+    """Luminance, as float64, of light whose weight counts the density of its wavelengths; 0 where it is no number."""
     scale = 1 / _WHITE if mi.is_spectral else 1.0
     y = np.array(mi.luminance(value, wavelengths), dtype=np.float64) * scale
     return np.where(np.isfinite(y), np.maximum(y, 0), 0)
@@ -47,7 +47,7 @@ def radiance_times_area(emitter, area: float, radiance=None) -> float:
         value = float(value @ _LUMINANCE) if len(value) == 3 else float(value[0])
         return area * max(value, 0.0) if np.isfinite(value) else 0.0
     leaving = _leaving(emitter, _REFERENCE_SAMPLES)
-    return area if leaving is None else float(np.mean(_luminance(leaving[1], leaving[0].wavelengths))) / np.pi
+    return area if leaving is None else float(np.mean(luminance(leaving[1], leaving[0].wavelengths))) / np.pi
 
 
 def bounds(scene) -> tuple[np.ndarray, np.ndarray]:
@@ -91,7 +91,7 @@ def brightness_elsewhere(emitter, extent) -> tuple[np.ndarray, np.ndarray, float
         return place, axis, cutoff, 0.0, max(float(np.max(value * distance**2)), 1e-6)
     ray, flux = leaving
     _, value, distance = _probe(emitter, place[:, None] + size * np.array(ray.d, dtype=np.float64))
-    square = np.mean(value * distance**2 * _luminance(flux, ray.wavelengths)) / (2 * np.pi * (1 - cutoff))
+    square = np.mean(value * distance**2 * luminance(flux, ray.wavelengths)) / (2 * np.pi * (1 - cutoff))
     return place, axis, cutoff, 0.0, max(float(np.sqrt(square)), 1e-6)
 
 
@@ -106,17 +106,23 @@ def _beam(emitter) -> tuple[np.ndarray, float]:
     return (axis / np.linalg.norm(axis), float(np.cos(np.radians(angle)))) if 0 < angle < 90 else (np.zeros(3), -1.0)
 
 
+def onlookers(count: int) -> tuple:
+    """Return interactions to sample lights from, all at the origin, and the weights of their wavelengths."""
+    it, share = dr.zeros(mi.Interaction3f, count), mi.Spectrum(1)
+    if mi.is_spectral:
+        u = (mi.Float(dr.arange(mi.UInt32, count)) + 0.5) / count
+        it.wavelengths, share = mi.sample_rgb_spectrum(mi.sample_shifted(u))
+    return it, share
+
+
 def _probe(emitter, points: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     # Sample a light from some points: where it is seen, how bright, and how far
-    it = dr.zeros(mi.Interaction3f, points.shape[1])
+    it, share = onlookers(points.shape[1])
     it.p = mi.Point3f(points.astype(np.float32))
     i = dr.arange(mi.UInt32, points.shape[1])
-    share = mi.Spectrum(1)
-    if mi.is_spectral:
-        it.wavelengths, share = mi.sample_rgb_spectrum(mi.sample_shifted((mi.Float(i) + 0.5) / points.shape[1]))
     u = mi.Point2f((mi.Float(i % 8) + 0.5) / 8, (mi.Float((i // 8) % 8) + 0.5) / 8)
     ds, weight = emitter.sample_direction(it, u, True)
-    value = np.broadcast_to(_luminance(weight * share, it.wavelengths), points.shape[1])
+    value = np.broadcast_to(luminance(weight * share, it.wavelengths), points.shape[1])
     distance = np.broadcast_to(np.array(ds.dist, dtype=np.float64), points.shape[1])
     place = np.broadcast_to(np.array(ds.p, dtype=np.float64), points.shape)
     return place, value, distance

@@ -8,12 +8,10 @@ import drjit as dr
 import mitsuba as mi
 
 from .clusters import Clusters
-from .skylight import Sky
+from .skylight import BEYOND, Sky
 
 CLOSE = 0.35  # distance to a light, over its radius, below which light samples alone may be too bright: they go as 1/d²
 FULL = 0.44  # how far inside its cut-off a spot shines in full, as a share of 1 - cosine: three quarters of the angle
-# Farther than any scene, with a square that float32 still holds
-_BEYOND = 1e18
 
 
 @dataclass
@@ -118,7 +116,7 @@ class Lights:
         """
         if not self.infinite:
             return ds.p
-        return dr.select(mi.has_flag(emitter.flags(), mi.EmitterFlags.Infinite), p + ds.d * _BEYOND, ds.p)
+        return dr.select(mi.has_flag(emitter.flags(), mi.EmitterFlags.Infinite), p + ds.d * BEYOND, ds.p)
 
     def index(self, emitter, triangle):
         """Position in the arrays of the light that a ray has hit, from its emitter (pointer) and its triangle's number."""

@@ -144,10 +144,9 @@ class Surface:
         here, n = active & (l == sky.index), self.facing()
         if not sky.even:
             # Mitsuba's samples, from warped numbers
-            table = sky.table(n, self.transmits)
-            v, density = sky.warp(table, u, here)
+            v, density = sky.warp(n, self.transmits, u, here)
             ds, weight = lights.sample(self.si, l, dr.select(here, v, u), active)
-            ds.pdf = dr.select(here, sky.density(table, n, self.transmits, self.slant, ds.d, ds.pdf), ds.pdf)
+            ds.pdf = dr.select(here, sky.density(n, self.transmits, self.slant, ds.d, ds.pdf), ds.pdf)
             return ds, dr.select(here, weight / density, weight)
         ds, weight = sky.around(self.si, n, self.transmits, self.slant, u, here)
         if lights.count > 1:
@@ -215,8 +214,7 @@ class Surface:
         density = emitter.pdf_direction(si, ds, active & ~delta)
         sky = self.shading.lights.sky
         if dr.hint(sky is not None, mode="scalar"):
-            n = self.facing()
-            far = sky.density(sky.table(n, self.transmits), n, self.transmits, self.slant, ds.d, density)
+            far = sky.density(self.facing(), self.transmits, self.slant, ds.d, density)
             density = dr.select(next_si.is_valid(), density, far)
         lights, l = self.shading.lights, mi.UInt32(0)
         if dr.hint(lights.count > 1, mode="scalar"):

@@ -1,4 +1,4 @@
-"""Skies sampled with regard for the surface that they light: no light samples below its horizon, few close to it.
+"""Skies sampled with regard for the surface that they light: few light samples go below its horizon.
 
 An even sky is sampled in proportion to the cosine alone. Any other is sampled by Mitsuba, in proportion to radiance, from
 random numbers that are warped first: a table, for normals all around, tells how much of the light that the numbers stand for
@@ -11,13 +11,15 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
+from .brightness import luminance, onlookers
+
 SIDE = 8  # cells along each side of the unit square
 LOOKS = 8  # samples of the sky along each side of a cell: what a thousandth of its light comes from must not be missed
 NORMALS = 8  # along each side of an octahedral map of normals
 FLOOR = 0.2  # share of the mean density that is added everywhere
 EVEN = 1.4  # second moment of samples by the cosine, over that by its product with radiance, up to which a sky counts as even
 SLANT = 0.1  # added to the cosine where surfaces are not Lambertian: what they reflect may fall more slowly to the horizon
-_BEYOND = 1e18
+BEYOND = 1e18  # farther than any scene, with a square that float32 still holds
 
 
 class Sky:
@@ -67,8 +69,9 @@ class Sky:
         i, j = (mi.UInt32(dr.clip((0.5 * c + 0.5) * NORMALS, 0, NORMALS - 1)) for c in (x, y))
         return j * NORMALS + i + dr.select(transmits, mi.UInt32(NORMALS**2), mi.UInt32(0))
 
-    def warp(self, table, u, active):
-        """Warp points of the unit square; return them, and their density."""
+    def warp(self, n, transmits, u, active):
+        """Warp points of the unit square for a normal; return them, and their density."""
+        table = self.table(n, transmits)
 
         def row(values, k, side):
             return dr.gather(mi.Float, values, table * side + k, active)
@@ -97,13 +100,13 @@ class Sky:
         r, (sine, cosine) = dr.safe_sqrt(1 - z * z), dr.sincos(u.x * dr.two_pi)
         ds = dr.zeros(mi.DirectionSample3f)
         ds.d = mi.Frame3f(n).to_world(mi.Vector3f(r * cosine, r * sine, dr.select(back, -z, z)))
-        ds.p, ds.n, ds.dist, ds.time = si.p + ds.d * _BEYOND, -ds.d, _BEYOND, si.time
-        ds.pdf = self.density(0, n, transmits, slant, ds.d, 0)
+        ds.p, ds.n, ds.dist, ds.time = si.p + ds.d * BEYOND, -ds.d, BEYOND, si.time
+        ds.pdf = self.density(n, transmits, slant, ds.d, 0)
         far = dr.zeros(mi.SurfaceInteraction3f)
         far.wi, far.wavelengths, far.time = -ds.d, si.wavelengths, si.time
         return ds, dr.select(ds.pdf > 0, self.emitter.eval(far, active) / ds.pdf, 0)
 
-    def density(self, table, n, transmits, slant, d, pdf):
+    def density(self, n, transmits, slant, d, pdf):
         """Density of light samples towards a direction, which Mitsuba samples with density ``pdf``.
 
         Of an even sky. Of others what tables come to but for their cells: good enough for weights that add up to one.
@@ -113,7 +116,7 @@ class Sky:
         if self.even:
             p = (cosine + slant) * dr.rcp(dr.pi * (1 + 2 * slant)) * dr.select(transmits, 0.5, 1)
             return dr.select(cosine > 0, p, 0)
-        warped = dr.maximum(cosine, 0) / dr.maximum(dr.gather(mi.Float, self.mean, table), 1e-6)
+        warped = dr.maximum(cosine, 0) / dr.maximum(dr.gather(mi.Float, self.mean, self.table(n, transmits)), 1e-6)
         return pdf * (warped + FLOOR) * (1 / (1 + FLOOR))
 
 
@@ -150,13 +153,10 @@ def _look(emitter, side: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     # Directions (3, side²) that a sky is sampled at on a grid of the unit square, radiance over density, and radiance
     count = side * side
     i = dr.arange(mi.UInt32, count)
-    it, share = dr.zeros(mi.Interaction3f, count), mi.Spectrum(1)
-    if mi.is_spectral:
-        it.wavelengths, share = mi.sample_rgb_spectrum(mi.sample_shifted((mi.Float(i) + 0.5) / count))
+    it, share = onlookers(count)
     u = (mi.Point2f(mi.Float(i % side), mi.Float(i // side)) + 0.5) / side
     ds, weight = emitter.sample_direction(it, u, True)
-    flux = np.broadcast_to(np.array(mi.luminance(weight * share, it.wavelengths), dtype=np.float32), count)
-    flux = np.where(np.isfinite(flux), np.maximum(flux, 0), 0)
+    flux = np.broadcast_to(luminance(weight * share, it.wavelengths), count).astype(np.float32)
     # Densities of what does not shine are no numbers
     density = np.nan_to_num(np.array(ds.pdf, dtype=np.float32), posinf=0)
     return np.nan_to_num(np.array(ds.d, dtype=np.float32)), flux, flux * density
