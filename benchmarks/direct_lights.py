@@ -108,15 +108,21 @@ def beside_direct(name, scene, camera, width, repeats, cache, reference, matt=Tr
     return [*row, f"{error:.4f}", f"{np.median(gain):.1f}× [{gain.min():.1f}, {gain.max():.1f}]"], gain
 
 
-def main(arguments: list[str] | None = None) -> None:
-    """Run the benchmark, print the table and write it."""
-    parser = argparse.ArgumentParser(prog="python -m benchmarks.direct_lights", description=__doc__)
-    parser.add_argument("--counts", default="2,8,32,128,512,1024", help="comma-separated numbers of lights")
-    parser.add_argument("--repeats", type=int, default=5)
-    parser.add_argument("--reference", type=int, default=4096, help="samples a pixel of the references")
-    parser.add_argument("--width", type=int, default=320)
+def options(module: str, about: str, repeats: int, reference: int, width: int, note: str = "") -> argparse.ArgumentParser:
+    """Return a parser of what the smaller benchmarks of direct light take."""
+    parser = argparse.ArgumentParser(prog=f"python -m {module}", description=about)
+    parser.add_argument("--repeats", type=int, default=repeats)
+    parser.add_argument("--reference", type=int, default=reference, help="samples a pixel of the references" + note)
+    parser.add_argument("--width", type=int, default=width)
     parser.add_argument("--cache", type=Path, default=Path.home() / ".cache" / "intervis" / "benchmark")
     parser.add_argument("--output", type=Path, default=OUT)
+    return parser
+
+
+def main(arguments: list[str] | None = None) -> None:
+    """Run the benchmark, print the table and write it."""
+    parser = options("benchmarks.direct_lights", __doc__, repeats=5, reference=4096, width=320)
+    parser.add_argument("--counts", default="2,8,32,128,512,1024", help="comma-separated numbers of lights")
     a = parser.parse_args(arguments)
     mi.set_variant("llvm_ad_rgb")
     from .direct_tables import machine

@@ -1,11 +1,10 @@
-"""Light of skies: `visdirect` against Mitsuba's `direct` under even skies, soft boxes and suns, in the open and in a crowd.
+"""Light of skies: `visdirect` against Mitsuba's `direct` under even skies, soft boxes and suns.
 
 ``python -m benchmarks.direct_skies`` writes ``docs/direct/skies.md``.
 """
 
 from __future__ import annotations
 
-import argparse
 from pathlib import Path
 
 import mitsuba as mi
@@ -13,7 +12,7 @@ import numpy as np
 
 import intervis  # noqa: F401  (registers the plugins)
 
-from .direct_lights import OUT, SPP, beside_direct
+from .direct_lights import SPP, beside_direct, options
 
 TEXT = """# Skies, measured
 
@@ -120,13 +119,7 @@ def picture(path: Path) -> None:
 
 def main(arguments: list[str] | None = None) -> None:
     """Run the benchmark, print the table and write it."""
-    parser = argparse.ArgumentParser(prog="python -m benchmarks.direct_skies", description=__doc__)
-    parser.add_argument("--repeats", type=int, default=5)
-    parser.add_argument("--reference", type=int, default=2048, help="samples a pixel of the references")
-    parser.add_argument("--width", type=int, default=256)
-    parser.add_argument("--cache", type=Path, default=Path.home() / ".cache" / "intervis" / "benchmark")
-    parser.add_argument("--output", type=Path, default=OUT)
-    a = parser.parse_args(arguments)
+    a = options("benchmarks.direct_skies", __doc__, repeats=5, reference=2048, width=256).parse_args(arguments)
     mi.set_variant("llvm_ad_rgb")
     from .direct_tables import machine
 

@@ -5,15 +5,12 @@
 
 from __future__ import annotations
 
-import argparse
-from pathlib import Path
-
 import mitsuba as mi
 import numpy as np
 
 import intervis  # noqa: F401  (registers the plugins)
 
-from .direct_lights import OUT, SPP, beside_direct
+from .direct_lights import SPP, beside_direct, options
 
 TEXT = """# Lamps and highlights below a pixel, measured
 
@@ -73,13 +70,8 @@ LAMPS = {"square lamps": "squares", "ball lamps": "balls", "tubes": "tubes", "ou
 
 def main(arguments: list[str] | None = None) -> None:
     """Run the benchmark, print the table and write it."""
-    parser = argparse.ArgumentParser(prog="python -m benchmarks.direct_small", description=__doc__)
-    parser.add_argument("--repeats", type=int, default=10)
-    parser.add_argument("--reference", type=int, default=8192, help="samples a pixel; for highlights 4 times that")
-    parser.add_argument("--width", type=int, default=320)
-    parser.add_argument("--cache", type=Path, default=Path.home() / ".cache" / "intervis" / "benchmark")
-    parser.add_argument("--output", type=Path, default=OUT)
-    a = parser.parse_args(arguments)
+    note = "; for highlights 4 times that"
+    a = options("benchmarks.direct_small", __doc__, repeats=10, reference=8192, width=320, note=note).parse_args(arguments)
     mi.set_variant("llvm_ad_rgb")
     from .direct_tables import machine
 
