@@ -9,6 +9,7 @@ import mitsuba as mi
 
 from ..visibility import VisibilityClass, classify_grid
 from . import cells
+from .guide import Guide, guide
 
 PILOT = 4.0  # how much more one full hit is worth than the pilot's
 EXPONENT = 0.75  # hits ∝ (expected relative error)^EXPONENT: below Neyman's 1, as errors fall faster than N^-1/2
@@ -39,11 +40,12 @@ class Decision:
     need: object  # mi.Float, the same, less what sharing between pixels takes away: hits follow it
     light_seen: list  # packed counters by light, of the window
     light_tried: list
+    sky: Guide | None  # where of the sky something is seen
     hits: object = None  # mi.UInt32, camera hits to add
     pilot_weight: object = None  # mi.Float, weight of the pilot's own estimate
 
 
-def decide(pilot, frame, classifier: str, grid: int, named: bool, refinement: bool, left=1.0, alpha=None, sky=False):
+def decide(pilot, frame, classifier: str, grid: int, named: bool, refinement: bool, left=1.0, alpha=None):
     """Classify each pixel's light from its neighbours' pilots, and predict the error of one more hit.
 
     Parameters
@@ -62,8 +64,6 @@ def decide(pilot, frame, classifier: str, grid: int, named: bool, refinement: bo
         Share of the standard error of light samples that is left where pixels share.
     alpha : mi.Float, optional
         What the pilots covered, for films that want alpha: outlines need hits even where they are dark.
-    sky : bool, optional
-        Whether any light is all around.
 
     Returns
     -------
@@ -154,7 +154,7 @@ def decide(pilot, frame, classifier: str, grid: int, named: bool, refinement: bo
     # Squares of what is too bright for float32 say nothing
     balance = dr.select(dr.isfinite(balance), balance, 1)
     most = mi.Float(MAX_LOG_RAYS)
-    if sky and pilot.shine is not None:
+    if pilot.sky is not None and pilot.shine is not None:
         # The BSDF sample of each hit finds skies better, if all that a surface does is mirror
         most = dr.select((pilot.shine.lobe > 0) & ~pilot.shine.matt, 0, most)
     rays = mi.UInt32(1) << mi.UInt32(dr.clip(dr.round(dr.log2(dr.maximum(balance, 1))), 0, most))
@@ -176,7 +176,8 @@ def decide(pilot, frame, classifier: str, grid: int, named: bool, refinement: bo
         edge = dr.maximum(edge, seen * variance / (dr.square(level + seen * highlight) + 0.01))
     error, need = (dr.sqrt(dr.maximum(x, edge)) for x in (error, need))
     error, need = (dr.select(alone | ~dr.isfinite(x), 1, x) for x in (error, need))
-    return Decision(label, guess, mask, mean, refine, rays, error, need, near_seen[2:], near_tried[2:])
+    sky = None if pilot.sky is None else guide(pilot.sky)
+    return Decision(label, guess, mask, mean, refine, rays, error, need, near_seen[2:], near_tried[2:], sky)
 
 
 def _unmet(pilot, frame, level, met):

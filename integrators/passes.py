@@ -13,6 +13,7 @@ from .camera import Frame, scramble
 from .clusters import COUNTED
 from .estimate import several_lights, single_light
 from .glints import Shine
+from .guide import Counts
 from .points import net_1d, net_2d, shuffle
 from .proof import tolerance, unobstructed
 from .rectangle import rectangle_light
@@ -37,6 +38,7 @@ class Pilot:
     tried: list
     traced: object  # mi.UInt32, shadow rays
     reflected: object  # mi.UInt32, rays by BSDF sampling
+    sky: Counts | None  # light samples of the sky
     proven: object  # mi.Float, radius within which of `point` nothing can stand before the light; 0 where unknown
     probe_bright: object = None  # mi.Float, luminance of `bright` at another hit of the pixel, for decisions only
     probe_straight: object = None  # mi.Float
@@ -135,6 +137,7 @@ def pilot(shading: Shading, frame: Frame, seed, rays: int, probe: bool) -> Pilot
     unsure = active & ~proven
 
     seen, tried = cells.empty(16), cells.empty(16)
+    sky = None if lights.sky is None else Counts.empty(frame.width, frame.height)
     light_seen, light_tried = cells.empty(COUNTED), cells.empty(COUNTED)
     lit_sum, all_sum, squares, traced = mi.Spectrum(0), mi.Spectrum(0), mi.Float(0), mi.UInt32(0)
     r, before, weight_l, chosen = mi.UInt32(0), mi.Float(0), mi.Float(0), mi.UInt32(0)
@@ -159,6 +162,9 @@ def pilot(shading: Shading, frame: Frame, seed, rays: int, probe: bool) -> Pilot
             lit = surface.visible(ds.p, useful)
             cell = mi.UInt32(u.y * grid) * 4 + mi.UInt32(u.x * grid)
             tried, seen = cells.count(tried, cell, useful), cells.count(seen, cell, lit)
+            if dr.hint(sky is not None, mode="scalar"):
+                it = chosen == lights.sky.index
+                sky.add(sky.tile(index), u, useful & it, lit & it)
             if dr.hint(several, mode="scalar"):
                 counter = lights.counter(l)
                 light_tried, light_seen = cells.count(light_tried, counter, useful), cells.count(light_seen, counter, lit)
@@ -208,6 +214,7 @@ def pilot(shading: Shading, frame: Frame, seed, rays: int, probe: bool) -> Pilot
         tried + (light_tried if several else []),
         traced,
         reflected,
+        sky,
         dr.select(proven, radius, 0),
         *(_probe(shading, frame, seed, index, count, found) if probe else ()),
     )
@@ -300,6 +307,8 @@ def spend(shading: Shading, frame: Frame, seed, index, s, look: Pilot, decision,
 
     ray, si, straight, weight, position = first_hit(shading, frame, frame.corner(index), s, keys)
     surface = Surface(shading, si, si.is_valid(), rays)
+    if decision.sky is not None:
+        surface.guide, surface.tile = decision.sky, decision.sky.tile(index)
     value, full, total = mi.Spectrum(0), mi.Spectrum(0), mi.Float(0)
     traced, spared = mi.UInt32(0), mi.UInt32(0)
     closed_only = shading.closed and shading.lambert

@@ -114,6 +114,7 @@ class Surface:
     def __init__(self, shading: Shading, si, active, mis_samples=0):
         self.shading, self.si = shading, si
         self.blind = False  # trace no shadow rays
+        self.guide, self.tile = None, None  # where of the sky something is seen, and from where
         self.bsdf = si.bsdf()
         self.rays_per_hit = mi.Float(mis_samples)
         if shading.lambert:
@@ -141,18 +142,29 @@ class Surface:
         lights, sky = self.shading.lights, self.shading.lights.sky
         if sky is None:
             return lights.sample(self.si, l, u, active)
-        here, n = active & (l == sky.index), self.facing()
-        if not sky.even:
+        here, density = active & (l == sky.index), mi.Float(1)
+        if self.guide is not None:
+            u, density = self.guide.warp(self.tile, u, here)
+        if sky.even:
+            ds, weight = sky.around(self.si, self.facing(), self.transmits, self.slant, u, here)
+            if lights.count > 1:
+                other, brightness = lights.sample(self.si, l, u, active & ~here)
+                ds, weight = dr.select(here, ds, other), dr.select(here, weight, brightness)
+        else:
             # Mitsuba's samples, from warped numbers
-            v, density = sky.warp(n, self.transmits, u, here)
+            v, warped = sky.warp(self.facing(), self.transmits, u, here)
             ds, weight = lights.sample(self.si, l, dr.select(here, v, u), active)
-            ds.pdf = dr.select(here, sky.density(n, self.transmits, self.slant, ds.d, ds.pdf), ds.pdf)
-            return ds, dr.select(here, weight / density, weight)
-        ds, weight = sky.around(self.si, n, self.transmits, self.slant, u, here)
-        if lights.count > 1:
-            other, brightness = lights.sample(self.si, l, u, active & ~here)
-            ds, weight = dr.select(here, ds, other), dr.select(here, weight, brightness)
-        return ds, weight
+            density *= dr.select(here, warped, 1)
+        ds.pdf = dr.select(here, self.towards_sky(ds.d, ds.pdf), ds.pdf)
+        return ds, weight / density
+
+    def towards_sky(self, d, pdf):
+        """Density of light samples towards a direction of the sky, which Mitsuba samples with density ``pdf``.
+
+        Weights of light and BSDF samples add up to one whatever it is, as both are by it: it need not be exact.
+        """
+        p = self.shading.lights.sky.density(self.facing(), self.transmits, self.slant, d, pdf)
+        return p if self.guide is None else p * dr.gather(mi.Float, self.guide.share, self.tile)
 
     def facing(self):
         """Shading normal on the viewer's side."""
@@ -212,10 +224,8 @@ class Surface:
         value = dr.select(active & (emitter != None), weight * emitter.eval(next_si, active), 0)  # noqa: E711
         delta = mi.has_flag(sample.sampled_type, mi.BSDFFlags.Delta)
         density = emitter.pdf_direction(si, ds, active & ~delta)
-        sky = self.shading.lights.sky
-        if dr.hint(sky is not None, mode="scalar"):
-            far = sky.density(self.facing(), self.transmits, self.slant, ds.d, density)
-            density = dr.select(next_si.is_valid(), density, far)
+        if dr.hint(self.shading.lights.sky is not None, mode="scalar"):
+            density = dr.select(next_si.is_valid(), density, self.towards_sky(ds.d, density))
         lights, l = self.shading.lights, mi.UInt32(0)
         if dr.hint(lights.count > 1, mode="scalar"):
             l = lights.index(emitter, next_si.prim_index)

@@ -162,8 +162,7 @@ def define(base):
             left = shared.left() if trades else 1.0
             refine = self.refine and shading.lambert
             alpha = look.alpha if mi.has_flag(film.flags(), mi.FilmFlags.Alpha) else None
-            sky = shading.lights.sky is not None
-            decision = decide(look, frame, self.classifier, self.grid, self.aovs, refine, left, alpha, sky)
+            decision = decide(look, frame, self.classifier, self.grid, self.aovs, refine, left, alpha)
             dr.eval(vars(decision))
             # Without lights only outlines are worth rays
             wanted = shading.lights.count > 0 or alpha is not None

@@ -88,6 +88,7 @@ def expected_error(bright=None, mixed=None, thin=None, glow=None, lamps=None, gl
         straight=mi.Color3f(glow),
         noise=dr.zeros(mi.Float, n),
         proven=dr.zeros(mi.Float, n),
+        sky=None,
         rays=4,
         seen=[mi.UInt64(w.ravel()) for w in seen],
         tried=tried,
@@ -179,7 +180,7 @@ def test_skies_are_left_to_bsdf_samples_where_surfaces_only_mirror(kit, surface)
         shading, frame = prepare(scene), Frame(scene.sensors()[0])
         shading.integrator = mi.load_dict({"type": "visdirect"})
         look = pilot(shading, frame, mi.UInt32(1), 4, True)
-        rays = np.array(decide(look, frame, "threshold", 4, False, False, sky=shading.lights.sky is not None).rays)
+        rays = np.array(decide(look, frame, "threshold", 4, False, False).rays)
         most[light["type"]] = rays[np.array(look.shine.lobe) > 0].max()
     assert most["rectangle"] == 8
     assert most["constant"] == 1 if surface == "roughconductor" else most["constant"] > 1
