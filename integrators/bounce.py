@@ -11,7 +11,7 @@ def _finite(value):
 
 
 @dr.syntax
-def indirect(shading, si, seed, index, s, salt):
+def indirect(shading, si, seed, index, s, salt, active=True):
     """Estimate the light that reaches a first hit from other surfaces, direct light excluded; and whether it covers a pixel.
 
     As in Mitsuba's ``path``, a pixel is covered where a path does more than pass straight through (masks, ``null``), and
@@ -25,6 +25,8 @@ def indirect(shading, si, seed, index, s, salt):
         First hits.
     seed, index, s, salt : mi.UInt32
         Render seed, pixel, number of the hit in its pixel, and pass.
+    active : mi.Bool, optional
+        Which of them are wanted.
 
     Returns
     -------
@@ -40,7 +42,7 @@ def indirect(shading, si, seed, index, s, salt):
 
     # Leave the first hit; what this ray meets first is an emitter already accounted for, or the second vertex
     bsdf = si.bsdf()
-    active = si.is_valid()
+    active = si.is_valid() & active
     sample, weight = bsdf.sample(
         context, si, rng.next_float32(), mi.Point2f(rng.next_float32(), rng.next_float32()), active
     )

@@ -72,6 +72,6 @@ class Frame:
         return self.sample(time, wavelength, scaled, mi.Point2f(lens))
 
 
-def scramble(index, seed, salt: int) -> list:
+def scramble(index, seed, salt) -> list:
     """Ten scrambling seeds for a pixel: eight for the camera, two for the lights."""
-    return seeds(index, seed + mi.UInt32(salt * 7919 + 1), 12)
+    return seeds(index, seed + (mi.UInt32(salt) * 7919 + 1), 12)

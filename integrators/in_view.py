@@ -8,7 +8,7 @@ import drjit as dr
 import mitsuba as mi
 
 from .camera import scramble
-from .passes import to_rgb
+from .hits import to_rgb
 from .points import net_1d, net_2d
 from .shading import Shading
 

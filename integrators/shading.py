@@ -113,7 +113,6 @@ class Surface:
 
     def __init__(self, shading: Shading, si, active, mis_samples=0):
         self.shading, self.si = shading, si
-        self.blind = False  # trace no shadow rays
         self.guide, self.tile = None, None  # where of the sky something is seen, and from where
         self.bsdf = si.bsdf()
         self.rays_per_hit = mi.Float(mis_samples)
@@ -193,7 +192,7 @@ class Surface:
 
     def visible(self, p, active):
         """Trace a shadow ray to a point."""
-        return active if self.blind else active & ~self.shading.scene.ray_test(self.si.spawn_ray_to(p), active)
+        return active & ~self.shading.scene.ray_test(self.si.spawn_ray_to(p), active)
 
     @dr.syntax
     def reflect(self, s1, s2, active):

@@ -10,12 +10,14 @@ import mitsuba as mi
 from ..errors import InputError
 from ..report import Report, peak_memory
 from ..visibility import VisibilityClass
-from . import assemble, passes
+from . import assemble
 from .camera import Frame
 from .decide import allocate, decide
 from .glints import glints
 from .in_view import in_view, samples_of
+from .pilot import pilot
 from .shading import prepare
+from .spend import spend
 
 MOST = 2**31 - 1  # of rays in a pixel, and samples
 CLASSIFIERS = ("mlp", "svm", "threshold")
@@ -140,7 +142,7 @@ def define(base):
             # Look: one hit and up to four shadow rays a pixel, within a small share of the budget
             pilot_rays = 0 if not shading.lights.count else min(4, 2 * spp - 1, self.max_rays)
             probe = spp >= PROBED and shading.lights.count > 0
-            look = passes.pilot(shading, frame, seed, max(pilot_rays, 1), probe)
+            look = pilot(shading, frame, seed, max(pilot_rays, 1), probe)
             aimed = samples_of(shading, sensor, 2 * spp * frame.pixels)
             if aimed:
                 look.lamps, look.lamps_squared, traced = in_view(shading, frame, seed, aimed)
@@ -213,7 +215,7 @@ def define(base):
             for refine in (False, True) if self.refine else (False,):
                 for index, s in assemble.batches(dr.select(d.refine == refine, hits, 0), d.rays):
                     s += dr.gather(mi.UInt32, done, index)
-                    total.add(index, s, passes.spend(shading, total.frame, seed, index, s, total.pilot, d, refine))
+                    total.add(index, s, spend(shading, total.frame, seed, index, s, total.pilot, d, refine))
 
         def _account(self, total, shading, clock, begin, image, error):
             rays, skipped, classes = total.account(shading, self.aovs)

@@ -171,7 +171,7 @@ def test_skies_are_left_to_bsdf_samples_where_surfaces_only_mirror(kit, surface)
     """As many light samples a hit as elsewhere would leave too few of those."""
     from intervis.integrators.camera import Frame
     from intervis.integrators.decide import decide
-    from intervis.integrators.passes import pilot
+    from intervis.integrators.pilot import pilot
     from intervis.integrators.shading import prepare
 
     most = {}

@@ -7,7 +7,7 @@ import pytest
 
 from intervis.integrators.camera import Frame
 from intervis.integrators.glints import glints
-from intervis.integrators.passes import pilot
+from intervis.integrators.pilot import pilot
 from intervis.integrators.shading import prepare
 
 MIRROR = {"type": "conductor", "material": "none"}

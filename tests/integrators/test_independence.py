@@ -12,14 +12,14 @@ PIXEL = 11 * WIDTH + 13
 
 
 def pilot_and_frame(name):
-    from intervis.integrators import passes
     from intervis.integrators.camera import Frame
+    from intervis.integrators.pilot import pilot as look
     from intervis.integrators.shading import prepare
 
     scene = mi.load_dict(scenes.load(name, width=WIDTH, height=HEIGHT))
     shading, frame = prepare(scene), Frame(scene.sensors()[0])
     shading.integrator = mi.load_dict({"type": "visdirect"})
-    pilot = passes.pilot(shading, frame, mi.UInt32(5), 4, True)
+    pilot = look(shading, frame, mi.UInt32(5), 4, True)
     # Before the scene is gone
     dr.eval(vars(pilot))
     return pilot, frame
