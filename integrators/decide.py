@@ -13,7 +13,7 @@ from .guide import Guide, guide
 
 PILOT = 4.0  # how much more one full hit is worth than the pilot's
 EXPONENT = 0.75  # hits ∝ (expected relative error)^EXPONENT: below Neyman's 1, as errors fall faster than N^-1/2
-LEAST = 1 / 64  # hits a pixel, however sure of it its neighbours are, as a share of the rays a pixel
+LEAST = 0.1  # rays for a pixel, however sure its neighbours are of it, as a share of the mean: rare sights stand out in few
 PRIOR = 0.005  # doubt about a cell that looked decided: share of the light that the pilots may have missed
 FAR = 5  # pixels from one window to the next: with its eight neighbours a window sees 15×15 pixels
 AROUND = 0.1  # share of the undecidedness of 15×15 pixels that every pixel there doubts its own look by
@@ -210,11 +210,11 @@ def allocate(decision, frame, seed, budget: float, max_rays: int, pilot_rays: in
     dr.eval(share, cost, most)
     # The scale stays opaque: as a literal it would make a new kernel of every render
     scale = dr.opaque(mi.Float, float(budget / max(dr.sum(share * cost)[0], 1e-20)))
-    # Pixels at their limit hand on what they cannot use
-    least = dr.opaque(mi.Float, budget / frame.pixels * LEAST)
+    # Pixels at their limit hand on what they cannot use; the least that others get is taken from all
+    least = dr.opaque(mi.Float, budget / frame.pixels * LEAST) / cost
     for _ in range(8):
         spent = float(dr.sum(dr.minimum(dr.maximum(share * scale, least), most) * cost)[0])
-        if spent <= 0 or spent >= 0.995 * budget:
+        if spent <= 0 or abs(spent - budget) <= 0.005 * budget:
             break
         scale = dr.opaque(mi.Float, scale[0] * min(budget / spent, 4.0))
     wanted = dr.minimum(dr.maximum(share * scale, least), most)
