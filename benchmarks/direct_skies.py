@@ -29,7 +29,8 @@ Geometric means: {means}.
 
 ![direct and visdirect at 16 samples a pixel](skies.png)
 
-`direct` (left) and `visdirect` at 16 samples a pixel: plastic under soft boxes, and matt posts under a sun.
+`direct` (left) and `visdirect` at 16 samples a pixel: plastic under soft boxes, matt posts under a sun, and a
+room whose window faces away from that sun.
 """
 EYE = {"origin": [0, 1.2, 4.5], "target": [0, 0, 0], "up": [0, 1, 0]}
 
@@ -109,7 +110,7 @@ def picture(path: Path) -> None:
     film = {"type": "hdrfilm", "width": 320, "height": 180, "rfilter": {"type": "box"}, "pixel_format": "rgb"}
     camera = {"type": "perspective", "fov": 40, "to_world": mi.ScalarTransform4f().look_at(**EYE), "film": film}
     rows, emitters = [], skies()
-    for place, sky, material in (("open", "studio", "plastic"), ("crowd", "sun", "matt")):
+    for place, sky, material in (("open", "studio", "plastic"), ("crowd", "sun", "matt"), ("room", "sun", "matt")):
         scene = mi.load_dict({**lit(place, emitters[sky], MATERIALS[material]), "camera": camera})
         pair = [np.array(mi.render(scene, integrator=mi.load_dict({"type": k}), spp=16)) for k in ("direct", "visdirect")]
         rows.append(np.concatenate(pair, axis=1) / np.percentile(pair[1], 97))
