@@ -62,7 +62,8 @@ part helps. Parts changed one at a time.
 {ablation}
 
 ## Budgets against an oracle
-The oracle knows the variance of every pixel ({seeds} renders with uniform budgets) and spends the same budget by it.
+The oracle knows the variance of every pixel ({seeds} renders with uniform budgets) and spends the same budget by it;
+where those show none, it spends the least.
 
 {oracle}
 """

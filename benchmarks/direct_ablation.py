@@ -10,7 +10,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from intervis.integrators import camera, cells, decide, passes, shading, visdirect
+from intervis.integrators import camera, cells, decide, estimate, hits, pilot, rectangle, visdirect
 
 from .direct_runs import Setup, image, relmse
 from .direct_runs import visdirect as configure
@@ -31,7 +31,7 @@ POINTS = (("net_1d", _random_1d), ("net_2d", _random_2d), ("net_high", _random_2
 
 
 def _random_points():
-    swaps = [(m, n, f) for m in (camera, shading, passes) for n, f in POINTS]
+    swaps = [(m, n, f) for m in (camera, estimate, hits, pilot, rectangle) for n, f in POINTS]
     return [patch.object(m, n, f) for m, n, f in swaps if hasattr(m, n)]
 
 
