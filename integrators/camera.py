@@ -73,5 +73,5 @@ class Frame:
 
 
 def scramble(index, seed, salt) -> list:
-    """Ten scrambling seeds for a pixel: eight for the camera, two for the lights."""
+    """Twelve scrambling seeds for a pixel: eight for the camera, two for the lights, two for BSDF samples."""
     return seeds(index, seed + (mi.UInt32(salt) * 7919 + 1), 12)

@@ -20,7 +20,7 @@ def to_rgb(value, wavelengths):
 
 
 def first_hit(shading: Shading, frame: Frame, corner, s, keys):
-    """Shoot a primary ray; return the ray, interaction, emitted light, ray weight, film position and coverage."""
+    """Shoot a primary ray; return the ray, interaction, emitted light, ray weight and film position."""
     ray, weight, position = frame.shoot(corner, s, keys)
     scene = shading.scene
     if shading.hide:

@@ -59,12 +59,12 @@ def pilot(shading: Shading, frame: Frame, seed, rays: int, probe: bool) -> Pilot
         both = _look(shading, frame, seed, dr.select(first, lane, lane - pixels), first, rays)
         dr.eval(vars(both))
         look, other = _rows(both, index), _rows(both, index + pixels)
-        look.reflected = look.reflected + other.reflected
     else:
         look = _look(shading, frame, seed, index, True, rays)
         other = _look(shading, frame, seed, index, False, rays) if probe else None
     if other is not None:
         look.probe_bright, look.probe_straight = mi.luminance(other.bright), mi.luminance(other.straight)
+        look.reflected = look.reflected + other.reflected
         look.unlike = None if look.shine is None else 0.5 * dr.square(look.found - other.found)
         look.shine = other.shine
     return look
@@ -88,7 +88,8 @@ def _look(shading: Shading, frame: Frame, seed, index, first, rays: int):
     keys = scramble(index, seed, dr.select(first, mi.UInt32(0), mi.UInt32(2)))
     s, count = mi.UInt32(0), dr.opaque(mi.UInt32, rays)
     ray, si, straight, weight, position = first_hit(shading, frame, frame.corner(index), s, keys)
-    surface = Surface(shading, si, si.is_valid(), count)
+    hit = si.is_valid()
+    surface = Surface(shading, si, hit, count)
     lights = shading.lights
     grid = dr.opaque(mi.UInt32, shading.grid)
 
@@ -164,7 +165,6 @@ def _look(shading: Shading, frame: Frame, seed, index, first, rays: int):
         straight += extra
         found = mi.luminance(to_rgb(extra * weight, ray.wavelengths))
         if not shading.lambert:
-            hit = si.is_valid()
             shine = Shine(dr.select(hit, si.p, 0), dr.select(hit, n, 0), lobe, strength, surface.matt)
     if dr.hint(shading.closed, mode="scalar"):
         light, plain = surface.rectangle(), surface.plain
@@ -172,7 +172,6 @@ def _look(shading: Shading, frame: Frame, seed, index, first, rays: int):
         control = dr.select(plain & ~surface.follow & ~proven, whole - all_sum, 0)
         bright, noise = dr.select(plain, whole, bright), dr.select(plain, 0, noise)
         lit_sum = dr.select(proven, whole, lit_sum)
-    hit = si.is_valid()
     covered = dr.select(hit, mi.Float(1), mi.Float(0))
     if dr.hint(shading.path and some, mode="scalar"):
         beyond, covered = indirect(shading, si, seed, index, s, mi.UInt32(0), first)
