@@ -31,10 +31,10 @@ def counted(width, height, tried, seen):
 
 
 def test_counts_go_to_the_tile_and_cell_of_their_sample(variant_llvm):
-    """A film of 20×9 pixels has 3×2 tiles; pixel 188 is the last of the first tile in their second row."""
+    """A film of 20×9 pixels has 3×2 tiles; pixel 160 is the first of their second row, 179 the film's last."""
     counts = Counts.empty(20, 9)
-    index = mi.UInt32([0, 7, 8, 19, 188 - 8, 179])
-    np.testing.assert_array_equal(counts.tile(index), [0, 0, 1, 2, 4 - 1, 5])
+    index = mi.UInt32([0, 7, 8, 19, 160, 179])
+    np.testing.assert_array_equal(counts.tile(index), [0, 0, 1, 2, 3, 5])
     u = mi.Point2f([0.0, 0.99, 0.13, 0.5, 0.5, 0.5], [0.0, 0.0, 0.99, 0.5, 0.5, 0.5])
     tried, seen = mi.Bool([True] * 5 + [False]), mi.Bool([True, False, True, False, False, False])
     counts.add(counts.tile(index), u, tried, seen)
@@ -81,17 +81,17 @@ def test_cells_of_which_nothing_was_seen_get_few_samples(variant_llvm):
     assert float(it.share[0]) == pytest.approx(at[3], rel=0.1)
 
 
-@pytest.mark.parametrize("seen", ["all", "nothing", "some of each"])
+@pytest.mark.parametrize("seen", ["all", "nothing", "half of each"])
 def test_where_all_cells_are_alike_samples_are_even(variant_llvm, seen):
     """As densities that differ only spoil nets."""
     tried = np.full((3, 4, SIDE, SIDE), 4.0)
     tried[0] = 0
-    share = {"all": 1.0, "nothing": 0.0, "some of each": 0.5}[seen]
+    share = {"all": 1.0, "nothing": 0.0, "half of each": 0.5}[seen]
     assert guide(counted(4 * TILE, 3 * TILE, tried, share * tried)) is None
 
 
-def walls(window=0.5):
-    """Return a closed room, 3 wide, with a window in its left wall."""
+def walls():
+    """Return the walls of a room, 3 wide, with a window in the left one."""
     T = mi.ScalarTransform4f
     slabs = {
         "ceiling": ([0, 2.1, 0], [1.6, 0.1, 1.6]),
@@ -100,8 +100,8 @@ def walls(window=0.5):
         "front": ([0, 1, 1.6], [1.6, 1, 0.1]),
         "below": ([-1.6, 0.4, 0], [0.1, 0.4, 1.6]),
         "above": ([-1.6, 1.8, 0], [0.1, 0.3, 1.6]),
-        "beside": ([-1.6, 1, -1 - window], [0.1, 1, 1.0]),
-        "besides": ([-1.6, 1, 1 + window], [0.1, 1, 1.0]),
+        "behind": ([-1.6, 1, -1.5], [0.1, 1, 1.0]),
+        "before": ([-1.6, 1, 1.5], [0.1, 1, 1.0]),
     }
     return {k: {"type": "cube", "to_world": T().translate(c).scale(s)} for k, (c, s) in slabs.items()}
 
